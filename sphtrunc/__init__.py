@@ -1,0 +1,36 @@
+"""sphtrunc: the truncation error of Smoothed Particle Hydrodynamics, derived and measured.
+
+Theory and experiment return the same type, the discrete moments of an estimate.
+They agree when the difference is zero.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel as Kernel
+    from sphtrunc.parse import kernel as kernel
+
+__version__ = "0.1.0"
+
+# name: module; imported on first use, so that `import sphtrunc` costs nothing
+_PUBLIC = {
+    "Kernel": "kernel",
+    "kernel": "parse",
+}
+
+__all__ = ["Kernel", "__version__", "kernel"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        value = getattr(import_module(f"sphtrunc.{_PUBLIC[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'sphtrunc' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

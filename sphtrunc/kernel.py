@@ -1,0 +1,314 @@
+"""Exact kernels: a shape w(q), piecewise polynomial in q = r/h with rational knots and coefficients.
+
+A kernel in d dimensions is W(r, h) = σ_d h^{-d} w(r/h); its dimensionless form is Ŵ(s) = σ_d w(|s|).
+The shape has no dimension and no scale: every constant (σ_d, moments, jumps) is derived from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
+
+from sympy import QQ, Poly, Rational, Symbol, pi
+from sympy import Expr as Expression
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+q = Symbol("q", nonnegative=True)
+
+#: surface of the unit sphere in d dimensions: ∫ f(|s|) d^d s = SPHERE[d] ∫ f(q) q^{d-1} dq
+SPHERE: dict[int, Expression] = {1: Rational(2), 2: 2 * pi, 3: 4 * pi}
+
+
+def rational(value: object, name: str = "value") -> Rational:
+    """The exact rational that `value` says: an int, a Fraction, a SymPy Rational or a string "p/q".
+
+    A string may be a decimal ("0.7" is exactly 7/10). A float is refused, because it is not the
+    number that its author wrote: 0.7 is 3152519739159347/4503599627370496.
+
+    >>> rational("10/13"), rational("0.7")
+    (10/13, 7/10)
+
+    Raises ValueError for anything else.
+    """
+    if isinstance(value, Rational):
+        return value
+    if isinstance(value, Fraction):
+        return Rational(value.numerator, value.denominator)
+    if isinstance(value, Integral) and not isinstance(value, bool):
+        return Rational(int(value))
+    if isinstance(value, str):
+        text = value.strip()
+        if len(text) <= 1000 and text.isascii() and "_" not in text and "e" not in text.lower():
+            try:
+                fraction = Fraction(text)
+            except (ValueError, ZeroDivisionError):
+                pass
+            else:
+                return Rational(fraction.numerator, fraction.denominator)
+    hint = ""
+    if isinstance(value, float):
+        simple = Fraction(value).limit_denominator(1000) if abs(value) < 1e9 else None
+        hint = f'; a float is not exact: write "{simple}" or Fraction(...)' if simple else ""
+    shown = repr(value) if len(repr(value)) <= 60 else repr(value)[:57] + "..."
+    raise ValueError(f'{name}: got {shown}, expected a rational such as 3, "10/13" or "0.7"{hint}')
+
+
+def dimension(dim: object) -> int:
+    """`dim` if it is 1, 2 or 3; ValueError otherwise."""
+    if isinstance(dim, Integral) and not isinstance(dim, bool) and 1 <= int(dim) <= 3:
+        return int(dim)
+    raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
+
+
+def polynomial(coefficients: Iterable[object], name: str = "coefficient") -> Poly:
+    """The polynomial in q with the given rational coefficients, lowest degree first."""
+    exact = [rational(c, name) for c in coefficients]
+    return Poly(list(reversed(exact)) or [0], q, domain=QQ)
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A kernel shape w(q): knots 0 = k₀ < … < κ and one polynomial in q between each pair.
+
+    `pieces[i]` holds on [knots[i], knots[i+1]]; beyond the support κ the shape is zero. A piece is
+    a SymPy Poly over QQ in `q`, or its coefficients, lowest degree first. Equal neighbouring pieces
+    are merged and trailing zero pieces dropped, so that kernels compare (and hash) by value; name
+    and source do not take part in the comparison. A kernel need be neither positive, nor continuous
+    (top-hat: β = −1), nor smooth.
+
+    >>> hat = Kernel([0, 1], [[1, -1]], name="hat")
+    >>> hat.normalisation(1), hat.moment(2), hat.boundary_smoothness
+    (1, 1/6, 0)
+
+    Raises ValueError for knots that do not start at 0 or do not increase, for a number of pieces
+    that does not fit, for floats, and for a shape that is zero everywhere.
+    """
+
+    knots: tuple[Rational, ...]
+    pieces: tuple[Poly, ...]
+    name: str = field(default="custom", compare=False)
+    source: str = field(default="", compare=False)
+
+    def __init__(
+        self,
+        knots: Sequence[object],
+        pieces: Sequence[Poly | Sequence[object]],
+        name: str = "custom",
+        source: str = "",
+    ) -> None:
+        exact = [rational(k, "knots") for k in knots]
+        if len(exact) < 2 or exact[0] != 0:
+            raise ValueError(
+                f"knots: got {_listed(exact)}, expected at least two, the first of them 0"
+            )
+        for a, b in zip(exact, exact[1:], strict=False):
+            if not a < b:
+                raise ValueError(f"knots: {b} follows {a}, expected increasing knots")
+        if len(pieces) != len(exact) - 1:
+            raise ValueError(
+                f"pieces: got {len(pieces)} for {len(exact)} knots, expected {len(exact) - 1}"
+            )
+        polynomials = [
+            p.set_domain(QQ) if isinstance(p, Poly) and p.gens == (q,) else polynomial(p, "pieces")
+            for p in pieces
+        ]
+        while polynomials and polynomials[-1].is_zero:
+            polynomials.pop()
+            exact.pop()
+        if not polynomials:
+            raise ValueError("pieces: every piece is zero, expected a kernel that is not")
+        kept_knots, kept_pieces = [exact[0]], [polynomials[0]]
+        for knot, piece in zip(exact[1:], polynomials[1:], strict=False):
+            if piece != kept_pieces[-1]:
+                kept_knots.append(knot)
+                kept_pieces.append(piece)
+        object.__setattr__(self, "knots", (*kept_knots, exact[-1]))
+        object.__setattr__(self, "pieces", tuple(kept_pieces))
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "source", source)
+
+    # -- exact ------------------------------------------------------------------------------------
+
+    @property
+    def support(self) -> Rational:
+        """κ: the kernel vanishes for r > κh."""
+        return self.knots[-1]
+
+    @property
+    def degree(self) -> int:
+        """The highest degree of any piece."""
+        return max(int(p.degree()) for p in self.pieces)
+
+    def derivative(self) -> tuple[Poly, ...]:
+        """The pieces of w′(q), knot by knot (without the delta functions of a jump)."""
+        return tuple(p.diff(q) for p in self.pieces)
+
+    def normalisation(self, dim: int = 1) -> Expression:
+        """σ_d = 1 / ∫ w(|s|) d^d s: rational for d = 1, rational/π for d = 2 and 3.
+
+        Raises ValueError where the integral is zero: such a shape cannot be normalised.
+        """
+        dim = dimension(dim)
+        return 1 / (SPHERE[dim] * self._mass(dim))
+
+    def moment(self, n: int, dim: int = 1) -> Rational:
+        """Kernel moment ∫ |s|ⁿ Ŵ d^d s, in units of hⁿ: exact and rational in every dimension."""
+        dim = dimension(dim)
+        return self._radial(self.pieces, n + dim - 1) / self._mass(dim)
+
+    def gradient_moment(self, n: int, dim: int = 1) -> Rational:
+        """∫ |s|ⁿ⁻¹ s·∇Ŵ d^d s; in 1D this is ∫ sⁿ Ŵ′ ds for odd n (for even n that one is 0).
+
+        It is the integral of the classical derivative, which is what particles sum: for a
+        continuous kernel −(n+d−1) ∫ |s|ⁿ⁻¹ Ŵ d^d s; a jump of w leaves the difference.
+        """
+        dim = dimension(dim)
+        if dim == 1 and n % 2 == 0:
+            return Rational(0)
+        return self._radial(self.derivative(), n + dim - 1) / self._mass(dim)
+
+    def jumps(self, derivative: int) -> dict[Rational, Rational]:
+        """[Ŵ^{(m)}](p) = Ŵ^{(m)}(p⁺) − Ŵ^{(m)}(p⁻) at every knot p of the even 1D extension.
+
+        The keys are −κ … 0 … κ; zeros are included.
+        """
+        return jumps(self.knots, self.pieces, derivative, parity=1, scale=self.normalisation(1))
+
+    @property
+    def boundary_smoothness(self) -> int:
+        """β: the derivatives 0 … β vanish at the edge of the support (−1: w itself jumps there)."""
+        return valuation(self.pieces[-1], self.support) - 1
+
+    @property
+    def smoothness(self) -> int:
+        """The even 1D extension is C^smoothness: the least order over all knots (−1: it jumps)."""
+        return min(self.knot_smoothness().values())
+
+    def knot_smoothness(self) -> dict[Rational, int | float]:
+        """For every knot p ≥ 0 of the even extension, how many derivatives are continuous there.
+
+        inf where all of them are (an origin without odd powers of q).
+        """
+        result: dict[Rational, int | float] = {}
+        odd = [m for (m,), c in self.pieces[0].terms() if m % 2 and c]
+        result[self.knots[0]] = min(odd) - 1 if odd else float("inf")
+        zero = Poly(0, q, domain=QQ)
+        for knot, left, right in zip(
+            self.knots[1:], self.pieces, (*self.pieces[1:], zero), strict=True
+        ):
+            result[knot] = valuation(right - left, knot) - 1
+        return result
+
+    def scaled(self, support: object) -> Kernel:
+        """The same kernel with its support at `support` times h instead of κ times h.
+
+        >>> Kernel([0, 2], [[1, "-1/2"]]).scaled(support=1).knots
+        (0, 1)
+        """
+        wanted = rational(support, "support")
+        if wanted <= 0:
+            raise ValueError(f"support: got {wanted}, expected a positive rational")
+        ratio = self.support / wanted
+        stretch = Poly(ratio * q, q, domain=QQ)
+        return Kernel(
+            [k / ratio for k in self.knots],
+            [p.compose(stretch) for p in self.pieces],
+            name=f"{self.name} with support {wanted}h",
+            source=self.source,
+        )
+
+    def coefficients(self) -> tuple[tuple[Rational, ...], ...]:
+        """The coefficients of each piece, lowest degree first."""
+        return tuple(tuple(reversed(p.all_coeffs())) for p in self.pieces)
+
+    def _mass(self, dim: int) -> Rational:
+        mass = self._radial(self.pieces, dim - 1)
+        if mass == 0:
+            raise ValueError(
+                f"kernel {self.name!r}: its integral in {dim}D is zero, so it cannot be normalised"
+            )
+        return mass
+
+    def _radial(self, pieces: Sequence[Poly], power: int) -> Rational:
+        """∫₀^κ qⁿ f(q) dq for f piecewise polynomial on the knots."""
+        if power < 0:
+            raise ValueError(f"n: got a moment of negative power q^{power}, expected n >= 0")
+        weight = Poly(q**power, q, domain=QQ)
+        total = Rational(0)
+        for a, b, piece in zip(self.knots, self.knots[1:], pieces, strict=False):
+            primitive = (piece * weight).integrate(q)
+            total += primitive.eval(b) - primitive.eval(a)
+        return total
+
+    # -- floats -----------------------------------------------------------------------------------
+
+    def w(self, q: ArrayLike, dim: int = 1) -> NDArray[np.floating[Any]]:
+        """σ_d w(q): float64 (or float32 for float32 input), shape of q, in units of h^{-d}.
+
+        To 4 units in the last place (8 above degree 11) wherever the kernel has one sign. At a
+        knot where w jumps, the mean of both sides; 0 beyond the support.
+
+        Raises ValueError for a q that is negative or not a number.
+        """
+        return self._evaluate(q, dim, 0)
+
+    def dw(self, q: ArrayLike, dim: int = 1) -> NDArray[np.floating[Any]]:
+        """σ_d w′(q), as `w`; at q = 0 the limit from the right."""
+        return self._evaluate(q, dim, 1)
+
+    def d2w(self, q: ArrayLike, dim: int = 1) -> NDArray[np.floating[Any]]:
+        """σ_d w″(q), as `w`; at q = 0 the limit from the right."""
+        return self._evaluate(q, dim, 2)
+
+    def _evaluate(
+        self, argument: ArrayLike, dim: int, derivative: int
+    ) -> NDArray[np.floating[Any]]:
+        from sphtrunc.evaluation import checked, evaluate, tabulate
+
+        points = checked(argument)
+        return evaluate(tabulate(self, dimension(dim), derivative, points.dtype.name), points)
+
+
+def valuation(piece: Poly, point: Rational) -> int | float:
+    """How often the polynomial vanishes at the point: 0 if it does not, inf for the zero one."""
+    if piece.is_zero:
+        return float("inf")
+    count = 0
+    while piece.eval(point) == 0:
+        piece = piece.diff(q)
+        count += 1
+    return count
+
+
+def jumps(
+    knots: Sequence[Rational],
+    pieces: Sequence[Poly],
+    derivative: int,
+    parity: int,
+    scale: Expression = Rational(1),
+) -> dict[Rational, Rational]:
+    """Jumps of the m-th derivative of a piecewise polynomial, at every knot of the whole line.
+
+    f is given by its pieces on q ≥ 0 and continued by f(−s) = parity · f(s); then
+    [f^{(m)}](−p) = −(−1)^m parity [f^{(m)}](p), and at the origin (1 − (−1)^m parity) f^{(m)}(0⁺).
+    """
+    differentiated = [p.diff((q, derivative)) for p in pieces] if derivative else list(pieces)
+    mirror = -parity * (-1) ** derivative
+    result = {knots[0]: scale * (1 + mirror) * differentiated[0].eval(knots[0])}
+    for i, knot in enumerate(knots[1:]):
+        right = differentiated[i + 1].eval(knot) if i + 1 < len(differentiated) else Rational(0)
+        jump = scale * (right - differentiated[i].eval(knot))
+        result[knot] = jump
+        result[-knot] = mirror * jump
+    return dict(sorted(result.items()))
+
+
+def _listed(values: Sequence[object], most: int = 6) -> str:
+    shown = ", ".join(str(v) for v in values[:most])
+    return f"[{shown}{', …' if len(values) > most else ''}]"

@@ -1,0 +1,39 @@
+"""Where results go: to the terminal, or whole into a file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+
+def write_atomically(path: str | Path, text: str | bytes) -> None:
+    """Write the file so that a reader sees the old content or the new, never a part of it.
+
+    Raises ValueError, naming the file and the reason, where that is not possible.
+    """
+    target = Path(path)
+    data = text.encode() if isinstance(text, str) else text
+    temporary: str | None = None
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
+        os.replace(temporary, target)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise ValueError(f"output {target}: {error.strerror or error}") from None
+
+
+def emit(text: str, path: str | Path | None) -> None:
+    """Print the text, or write it to the file if there is one."""
+    if path is None:
+        print(text)
+    else:
+        write_atomically(path, text if text.endswith("\n") else text + "\n")
