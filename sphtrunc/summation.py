@@ -14,7 +14,7 @@ bounds.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,37 +22,41 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 DoubleDouble: TypeAlias = tuple[Array, Array]  # hi + lo, |lo| <= u |hi|
 
+#: either precision; the error-free transformations are exact in both
+Floats: TypeAlias = NDArray[np.floating[Any]]
+
 UNIT = 2.0**-53
 TINY = 2.0**-1074  # the smallest positive number: what a product may lose to underflow
-_SPLITTER = 2.0**27 + 1.0
+_SPLITTER = {np.dtype(np.float64): 2.0**27 + 1.0, np.dtype(np.float32): 2.0**12 + 1.0}
 
 
-def two_sum(a: Array, b: Array) -> DoubleDouble:
+def two_sum(a: Floats, b: Floats) -> tuple[Any, Any]:
     """s = fl(a + b) and the exact rest e: a + b = s + e (Knuth 1969; |a|, |b| in any order)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
-def fast_two_sum(a: Array, b: Array) -> DoubleDouble:
+def fast_two_sum(a: Floats, b: Floats) -> tuple[Any, Any]:
     """s = fl(a + b) and the exact rest, for |a| >= |b| or a = 0 (Dekker 1971,
     doi:10.1007/BF01397083)."""
     s = a + b
     return s, b - (s - a)
 
 
-def split(a: Array) -> DoubleDouble:
-    """a = hi + lo with at most 26 bits each (Veltkamp 1968); overflows above |a| = 2⁹⁹⁶."""
-    t = _SPLITTER * a
+def split(a: Floats) -> tuple[Any, Any]:
+    """a = hi + lo, half of the bits each (Veltkamp 1968); overflows above |a| = 2⁹⁹⁶ (float64) or
+    2¹¹⁵ (float32)."""
+    t = a.dtype.type(_SPLITTER[a.dtype]) * a
     hi = t - (t - a)
     return hi, a - hi
 
 
-def two_product(a: Array, b: Array) -> DoubleDouble:
+def two_product(a: Floats, b: Floats) -> tuple[Any, Any]:
     """p = fl(a·b) and the exact rest e: a·b = p + e (Dekker 1971, doi:10.1007/BF01397083).
 
-    Exact as long as a, b stay below 2⁹⁹⁶ and the product above 2⁻⁹⁶⁹; below that the rest is off by
-    at most a few ``TINY``.
+    In float64, exact as long as a, b stay below 2⁹⁹⁶ and the product above 2⁻⁹⁶⁹; below that the
+    rest is off by at most a few ``TINY``.
     """
     p = a * b
     a_hi, a_lo = split(a)

@@ -44,6 +44,20 @@ def test_two_sum_and_two_product_are_exact(a: float, b: float) -> None:
     assert p[0] == a * b
 
 
+def test_error_free_transformations_in_single_precision() -> None:
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal((2, 2000)).astype(np.float32)
+    for result, operate in (
+        (sm.two_sum(a, b), Fraction.__add__),
+        (sm.two_product(a, b), Fraction.__mul__),
+    ):
+        assert result[0].dtype == result[1].dtype == np.float32
+        for i in range(2000):
+            assert pair((result[0][i], result[1][i])) == operate(
+                Fraction(float(a[i])), Fraction(float(b[i]))
+            )
+
+
 def test_two_product_below_the_underflow_threshold_is_off_by_a_few_tiny() -> None:
     rng = np.random.default_rng(0)
     a = rng.standard_normal(1000) * 1e-160
