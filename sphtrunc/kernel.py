@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
+from math import factorial
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -107,7 +109,7 @@ class Kernel:
             raise ValueError(
                 f"knots: got {_listed(exact)}, expected at least two, the first of them 0"
             )
-        for a, b in zip(exact, exact[1:], strict=False):
+        for a, b in pairwise(exact):
             if not a < b:
                 raise ValueError(f"knots: {b} follows {a}, expected increasing knots")
         if len(pieces) != len(exact) - 1:
@@ -178,7 +180,11 @@ class Kernel:
 
         The keys are −κ … 0 … κ; zeros are included.
         """
-        return jumps(self.knots, self.pieces, derivative, parity=1, scale=self.normalisation(1))
+        at = jumps(self.knots, self.pieces, parity=1)
+        sigma = self.normalisation(1)
+        if derivative >= len(at):
+            return dict.fromkeys(at[0], Rational(0))
+        return {knot: sigma * jump for knot, jump in at[derivative].items()}
 
     @property
     def boundary_smoothness(self) -> int:
@@ -287,26 +293,29 @@ def valuation(piece: Poly, point: Rational) -> int | float:
 
 
 def jumps(
-    knots: Sequence[Rational],
-    pieces: Sequence[Poly],
-    derivative: int,
-    parity: int,
-    scale: Expression = Rational(1),
-) -> dict[Rational, Rational]:
-    """Jumps of the m-th derivative of a piecewise polynomial, at every knot of the whole line.
+    knots: Sequence[Rational], pieces: Sequence[Poly], parity: int
+) -> list[dict[Rational, Rational]]:
+    """Jumps of a piecewise polynomial: entry m holds those of the m-th derivative, knot -> jump.
 
-    f is given by its pieces on q ≥ 0 and continued by f(−s) = parity · f(s); then
+    f is given by its pieces on q >= 0 and continued by f(−s) = parity · f(s); then
     [f^{(m)}](−p) = −(−1)^m parity [f^{(m)}](p), and at the origin (1 − (−1)^m parity) f^{(m)}(0⁺).
     """
-    differentiated = [p.diff((q, derivative)) for p in pieces] if derivative else list(pieces)
-    mirror = -parity * (-1) ** derivative
-    result = {knots[0]: scale * (1 + mirror) * differentiated[0].eval(knots[0])}
-    for i, knot in enumerate(knots[1:]):
-        right = differentiated[i + 1].eval(knot) if i + 1 < len(differentiated) else Rational(0)
-        jump = scale * (right - differentiated[i].eval(knot))
-        result[knot] = jump
-        result[-knot] = mirror * jump
-    return dict(sorted(result.items()))
+    zero = Poly(0, q, domain=QQ)
+    steps = [right - left for left, right in pairwise([zero, *pieces, zero])]
+    orders = 1 + max(int(p.degree()) for p in pieces if not p.is_zero) if any(pieces) else 0
+    taylor = [list(reversed(s.shift(k).all_coeffs())) for k, s in zip(knots, steps, strict=True)]
+    result = []
+    for m in range(orders):
+        mirror = -parity * (-1) ** m
+        at: dict[Rational, Rational] = {}
+        for knot, coefficients in zip(knots, taylor, strict=True):
+            jump = factorial(m) * coefficients[m] if m < len(coefficients) else Rational(0)
+            if knot == 0:
+                at[knot] = (1 + mirror) * jump
+            else:
+                at[knot], at[-knot] = jump, mirror * jump
+        result.append(dict(sorted(at.items())))
+    return result
 
 
 def _listed(values: Sequence[object], most: int = 6) -> str:

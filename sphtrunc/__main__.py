@@ -1,0 +1,5 @@
+"""`python -m sphtrunc` is `sphtrunc`."""
+
+from sphtrunc.cli import main
+
+main()

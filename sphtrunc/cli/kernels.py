@@ -1,0 +1,98 @@
+"""sphtrunc kernels: the catalogue, with every constant derived."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from sphtrunc import __version__
+from sphtrunc.catalogue import named, names
+from sphtrunc.cli import options
+from sphtrunc.kernel import Kernel
+from sphtrunc.output import emit
+
+_HEAD = ("kernel", "support", "β", "smooth", "σ", "W(0)", "∫s²W", "smoothing h²")
+
+
+@click.command(name="kernels")
+@options.dim
+@options.formats("text", "latex", "json")
+@options.output
+def command(dim: int, format_: str, output: str | None) -> None:
+    """List the kernels of the catalogue with their constants in the given dimension.
+
+    σ is the normalisation of the shape as written, W(0) the kernel at the centre for h = 1, ∫s²W
+    its second moment, and the last column c the leading smoothing error c h² ∇²A of a value.
+    """
+    catalogue = [named(name) for name in names()]
+    render = {"text": _text, "latex": _latex, "json": _json}
+    emit(render[format_](catalogue, dim), output)
+
+
+def _row(kernel: Kernel, dim: int) -> dict[str, object]:
+    sigma = kernel.normalisation(dim)
+    second = kernel.moment(2, dim)
+    return {
+        "name": kernel.name,
+        "support": kernel.support,
+        "boundary_smoothness": kernel.boundary_smoothness,
+        "smoothness": kernel.smoothness,
+        "normalisation": sigma,
+        "w0": sigma * kernel.pieces[0].eval(0),
+        "second_moment": second,
+        "smoothing_coefficient": second / (2 * dim),
+    }
+
+
+def _text(catalogue: list[Kernel], dim: int) -> str:
+    rows = [_HEAD]
+    for kernel in catalogue:
+        name, *values = _row(kernel, dim).values()
+        rows.append((str(name), *(_short(v) for v in values)))  # type: ignore[arg-type]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEAD))]
+    lines = [
+        f"{row[0]:<{widths[0]}}  "
+        + "  ".join(f"{c:>{w}}" for c, w in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    ]
+    return "\n".join(
+        [
+            f"Kernels in {dim}D: W(r, h) = σ h^-{dim} w(r/h); ≈ where the fraction is long",
+            *lines,
+        ]
+    )
+
+
+def _latex(catalogue: list[Kernel], dim: int) -> str:
+    from sympy import latex
+
+    head = (
+        r"kernel & $\kappa$ & $\beta$ & smoothness & $\sigma$ & $W(0)$"
+        r" & $\int s^2 \hat W$ & $c$ \\ \hline"
+    )
+    lines = []
+    for kernel in catalogue:
+        name, *values = _row(kernel, dim).values()
+        lines.append(" & ".join([str(name), *(f"${latex(v)}$" for v in values)]) + r" \\")
+    return "\n".join([r"\begin{tabular}{lrrrrrrr}", head, *lines, r"\end{tabular}"])
+
+
+def _json(catalogue: list[Kernel], dim: int) -> str:
+    rows = [
+        {
+            **{k: v if isinstance(v, int | str) else str(v) for k, v in _row(kernel, dim).items()},
+            "source": kernel.source,
+        }
+        for kernel in catalogue
+    ]
+    return json.dumps(
+        {"schema": "sphtrunc.kernels/1", "dim": dim, "kernels": rows, "version": __version__},
+        indent=1,
+        ensure_ascii=False,
+    )
+
+
+def _short(value: object) -> str:
+    text = str(value).replace("*", "·").replace("pi", "π")
+    return text if len(text) <= 14 else f"≈{float(value):.9g}"  # type: ignore[arg-type]
