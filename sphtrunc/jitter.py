@@ -18,7 +18,7 @@ Bits = NDArray[np.uint64]
 Indices = NDArray[np.int64]
 
 DISTRIBUTIONS = ("gaussian", "uniform", "blue")
-BITS = 21  # of each of three components; an index repeats after 2^21 particles along its axis
+BITS = 21  # of each of three components
 CUT = 4.0  # the Gaussian ends at this many standard deviations
 
 _FIELD = 2**BITS - 1
@@ -63,10 +63,14 @@ def uniform01(place: Bits, seed: int, purpose: int) -> Array:
 
 
 def place(index: Indices) -> Bits:
-    """Pack lattice indices, shape (d, …), into one word per particle, BITS bits an axis."""
+    """One word per particle from its lattice indices, shape (d, …): m₀ + 2²¹ m₁ + 2⁴² m₂.
+
+    It is linear, so the place of a neighbour is the sum of two places, and different for all
+    particles within 2²⁰ of the origin along each axis.
+    """
     packed = np.zeros(index.shape[1:], dtype=np.int64)
     for axis, m in enumerate(index):
-        packed |= (m & _FIELD) << (BITS * axis)
+        packed += m << (BITS * axis)
     return packed.view(np.uint64)
 
 
@@ -109,7 +113,7 @@ def component(bits: Bits, axis: int, distribution: str) -> Array:
     cell &= _STRATA - 1
     value *= step.take(cell, mode="clip")
     value += start.take(cell, mode="clip")
-    return value
+    return np.asarray(value)
 
 
 def permuted(k: Indices, size: int, seed: int) -> Indices:

@@ -8,7 +8,7 @@ from scipy import stats
 
 from sphtrunc import jitter
 
-N = 1 << 17
+N = 1 << 15
 
 
 def standard_lines() -> dict[str, np.ndarray]:

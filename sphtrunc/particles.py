@@ -1,0 +1,333 @@
+"""Explicit particles: arrays somebody has, free or periodic, one h for all or an h for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphtrunc.scene import Indices, Neighbourhood, _fraction, fractions
+from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, total, two_sum
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+
+MODES = ("gather", "scatter", "mean")
+_EDGE = 1.0 + 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """Particles at given positions. Made by `particles`.
+
+    x: (d, n); h: (n,); values of volume (n,) in units of length^d, or None for `rule`
+    """
+
+    x: Array
+    h: Array
+    given: Array | None
+    volume: str
+    period: Array | None
+    mass: Array
+    mode: str
+    one_h: bool  # h_ab = h_a for every pair
+    _trees: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return int(self.x.shape[0])
+
+    @property
+    def population(self) -> int:
+        """The number of targets: the particles."""
+        return int(self.x.shape[1])
+
+    @property
+    def particles(self) -> int:
+        """The number of particles."""
+        return self.population
+
+    def rows(self, kernel: Kernel) -> int:
+        """The number of neighbours of a typical target, from a small sample."""
+        some = np.linspace(0, self.population - 1, min(64, self.population)).astype(np.int64)
+        return max(8, *(len(n) for n in self._neighbours(some, kernel)))
+
+    def _tree(self) -> Any:
+        if "tree" not in self._trees:
+            from scipy.spatial import cKDTree
+
+            if self.period is None:
+                self._trees["tree"] = cKDTree(self.x.T)
+            else:
+                self._trees["tree"] = cKDTree(self._wrapped(self.x), boxsize=self.period)
+        return self._trees["tree"]
+
+    def _wrapped(self, x: Array) -> Array:
+        """Positions (n, d) inside the box, for the search only."""
+        if self.period is None:
+            return np.ascontiguousarray(x.T)
+        inside = np.mod(x.T, self.period)
+        return np.where(inside < self.period, inside, 0.0)
+
+    def _neighbours(self, target: Indices, kernel: Kernel) -> list[list[int]]:
+        support = float(kernel.support)
+        if self.period is not None:
+            reach = 2.0 * support * float(self.h.max())
+            if np.any(self.period <= reach):
+                raise ValueError(
+                    f"period: got {self.period.tolist()}, expected more than twice the support,"
+                    f" {reach:g}: a particle would meet its own image"
+                )
+        h = self.h[target]
+        if self.mode == "scatter":
+            h = np.full_like(h, self.h.max())
+        elif self.mode == "mean":
+            h = 0.5 * (h + self.h.max())
+        # the search squares: what is left out by its rounding has to be added
+        spread = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
+        radius = support * h * _EDGE + 4.0 * UNIT * spread
+        found: list[list[int]] = list(
+            self._tree().query_ball_point(
+                self._wrapped(self.x[:, target]), radius, return_sorted=True
+            )
+        )
+        return found
+
+    def _difference(self, particle: Indices, target: Indices, axis: int) -> tuple[Array, Array]:
+        """x_b − x_a and what rounding took off it; to the nearest image in a periodic box."""
+        x = self.x[axis]
+        hi, lo = two_sum(x[particle], np.broadcast_to(-x[target], particle.shape))
+        if self.period is not None:
+            box = self.period[axis]
+            turns = np.rint(hi / box)
+            hi, lo = dd_add((hi, lo), (-turns * box, np.zeros_like(hi)))
+        return hi, lo
+
+    def neighbourhood(
+        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+    ) -> Neighbourhood:
+        """All neighbours of the targets, (d, N, T), in the order of the particles."""
+        lists = self._neighbours(target, kernel)
+        counts = np.array([len(one) for one in lists], dtype=np.int64)
+        flat = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(counts.sum()))
+        column = np.repeat(np.arange(target.size), counts)
+        row = np.arange(flat.size) - np.repeat(np.cumsum(counts) - counts, counts)
+        particle = np.full((int(counts.max(initial=0)), target.size), -1, dtype=np.int64)
+        particle[row, column] = flat
+        absent = particle < 0
+        h = self.h[target]
+        far = 2.0 * float(kernel.support) + 1.0
+        offset, low = [], []
+        for axis in range(self.dim):
+            hi, lo = self._difference(particle, target, axis)
+            if extended:
+                hi, lo = dd_div((hi, lo), dd(np.broadcast_to(h, hi.shape)))
+                low.append(np.where(absent, 0.0, lo))
+            else:
+                hi = hi / h
+            hi[absent] = far if axis == 0 else 0.0
+            offset.append(hi)
+        s = np.stack(offset)
+        stretch = None
+        if not self.one_h:
+            h_b = self.h[particle]
+            stretch = h / (h_b if self.mode == "scatter" else 0.5 * (h + h_b))
+        scale = h**self.dim
+        if self.given is not None:
+            v = self.given[particle]
+        elif self.volume == "cell":
+            v = self._cells()[particle]
+        else:
+            v = self._summed(kernel)[particle]
+        v = np.where(absent, 0.0, v / scale)
+        if extended and (stretch is not None or self.volume == "summation"):
+            raise ValueError(
+                "precision: extended needs mode gather or one h, and volumes that are not summed"
+            )
+        return Neighbourhood(
+            offset=s,
+            volume=v,
+            target=target,
+            particle=particle,
+            stretch=stretch,
+            h=h,
+            offset_low=np.stack(low) if extended else None,
+            volume_low=np.zeros_like(v) if extended else None,
+            offset_error=(2.0 + 1e-9) * UNIT * np.abs(s) if errors else None,
+            volume_error=(self.dim + 3) * UNIT * v
+            if errors and self.volume != "summation"
+            else None,
+        )
+
+    def _cells(self) -> Array:
+        """1D volumes: half the distance between the two neighbours; the end cells of a free line
+        are as wide as the half that there is, twice."""
+        if "cells" not in self._trees:
+            x = self.x[0]
+            if self.period is not None:
+                x = np.mod(x, self.period[0])
+            order = np.argsort(x, kind="stable")
+            s = x[order]
+            if self.period is not None:
+                gaps = np.diff(np.concatenate([s[-1:] - self.period[0], s, s[:1] + self.period[0]]))
+            else:
+                inner = np.diff(s)
+                gaps = np.concatenate([inner[:1], inner, inner[-1:]])
+            volume = np.empty_like(x)
+            volume[order] = 0.5 * (gaps[1:] + gaps[:-1])
+            self._trees["cells"] = volume
+        return np.asarray(self._trees["cells"])
+
+    def _summed(self, kernel: Kernel) -> Array:
+        """m_b/ρ_b, ρ_b = Σ_c m_c W(x_c − x_b, h_bc): for all particles, once for a kernel."""
+        if self._trees.get("kernel") != kernel:
+            volume = np.empty(self.population)
+            support = float(kernel.support)
+            for first in range(0, self.population, 1024):
+                target = np.arange(first, min(first + 1024, self.population), dtype=np.int64)
+                lists = self._neighbours(target, kernel)
+                for a, one in zip(target, lists, strict=True):
+                    b = np.array(one, dtype=np.int64)
+                    distance = np.zeros(b.size)
+                    for axis in range(self.dim):
+                        d, _ = self._difference(b, np.array([a]), axis)
+                        distance += d * d
+                    h = self.h[b] if self.mode == "scatter" else self.h[a]
+                    h = 0.5 * (self.h[b] + h) if self.mode == "mean" else h
+                    q = np.minimum(np.sqrt(distance) / h, 2.0 * support)
+                    terms = self.mass[b] * np.asarray(kernel.w(q, self.dim)) / h**self.dim
+                    density = float(total(terms))
+                    if not density > 0:
+                        raise ValueError(
+                            f"volume: particle {int(a)} has a summed density of {density:g}, so no"
+                            " volume m/ρ; expected a kernel that is positive at the origin"
+                        )
+                    volume[a] = self.mass[a] / density
+            self._trees["kernel"], self._trees["summed"] = kernel, volume
+        return np.asarray(self._trees["summed"])
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions; the arrays given
+        are the floats that they are."""
+        if not self.one_h:
+            raise ValueError("precision: exact needs mode gather, or one h for all particles")
+        near = np.array(self._neighbours(np.array([target]), kernel)[0], dtype=np.int64)
+        x, own, h = fractions(self.x[:, near]), fractions(self.x[:, target]), self.h[target]
+        offset = x - own[:, None]
+        if self.period is not None:
+            for axis, box in enumerate(fractions(self.period)):
+                offset[axis] = np.array([d - box * round(d / box) for d in offset[axis]])
+        offset = offset / fractions(h[None])[0]
+        v = self.given if self.given is not None else self._cells()
+        volume = fractions(v[near]) / fractions(h[None])[0] ** self.dim
+        inside = (offset * offset).sum(axis=0) <= _fraction(kernel.support) ** 2
+        self._trees["exact"] = near[inside]
+        return offset[:, inside], volume[inside]
+
+
+def particles(
+    x: object,
+    *,
+    h: object,
+    volume: object = None,
+    mass: object = None,
+    density: object = None,
+    period: object = None,
+    mode: str = "gather",
+) -> Particles:
+    """Explicit particles.
+
+    x: positions, (n,) in 1D or (n, d).
+    h: smoothing length, one number or (n,).
+    volume: (n,) or one number; or "cell" (1D, midpoints); or "summation", m/ρ with ρ_a = Σ_b m W.
+        With mass and density instead, m/ρ; with mass alone, "summation".
+    period: lengths of a periodic box, one number or d of them; None for free particles.
+    mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2.
+
+    Integers and single precision are taken as the numbers that they are. Raises ValueError for
+    wrong shapes, NaN, infinities, and for lengths, volumes, masses that are not positive.
+    """
+    positions = _numbers("x", x)
+    if positions.ndim == 1:
+        positions = positions[:, None]
+    if positions.ndim != 2 or not 1 <= positions.shape[1] <= 3:
+        raise ValueError(
+            f"x: got shape {_numbers('x', x).shape}, expected (n,) in 1D or (n, d), d = 1, 2 or 3"
+        )
+    n, dim = positions.shape
+    if n == 0:
+        raise ValueError("x: got no particles, expected at least one")
+    lengths = _per_particle("h", h, n)
+    if mode not in MODES:
+        raise ValueError(f"mode: got {mode!r}, expected one of {', '.join(MODES)}")
+    if volume is not None and (mass is not None or density is not None):
+        raise ValueError("volume: got a volume and mass or density; expected one or the other")
+    if density is not None and mass is None:
+        raise ValueError("density: got no mass; expected both, or a volume")
+    rule, given = "given", None
+    weights = np.ones(n) if mass is None else _per_particle("mass", mass, n)
+    if isinstance(volume, str):
+        if volume not in ("cell", "summation"):
+            raise ValueError(
+                f"volume: got {volume!r}, expected numbers, 'summation' or, in 1D, 'cell'"
+            )
+        if volume == "cell" and (dim > 1 or n < 2):
+            raise ValueError("volume: cell needs at least two particles in 1D")
+        rule = volume
+    elif volume is not None:
+        given = _per_particle("volume", volume, n)
+    elif density is not None:
+        given = weights / _per_particle("density", density, n)
+    else:
+        rule = "summation"
+    box = None
+    if period is not None:
+        lengths_of_box = _numbers("period", period)
+        if lengths_of_box.ndim > 1 or lengths_of_box.size not in (1, dim):
+            raise ValueError(f"period: expected one length or {dim} of them")
+        box = np.broadcast_to(lengths_of_box, (dim,)).copy()
+        if not np.all(box > 0):
+            raise ValueError(f"period: got {box.tolist()}, expected positive lengths")
+    return Particles(
+        x=np.ascontiguousarray(positions.T),
+        h=lengths,
+        given=given,
+        volume=rule,
+        period=box,
+        mass=weights,
+        mode=mode,
+        one_h=mode == "gather" or bool(np.all(lengths == lengths[0])),
+    )
+
+
+def _numbers(name: str, value: object) -> Array:
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "iuf":
+            raise ValueError
+        numbers = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected an array of real numbers") from None
+    bad = np.flatnonzero(~np.isfinite(numbers.reshape(-1)))
+    if bad.size:
+        raise ValueError(
+            f"{name}: got {numbers.reshape(-1)[bad[0]]} at position {bad[0]}, expected finite"
+            " numbers"
+        )
+    return numbers
+
+
+def _per_particle(name: str, value: object, n: int) -> Array:
+    """(n,) positive numbers from one number or n of them."""
+    numbers: NDArray[np.float64] = _numbers(name, value)
+    if numbers.ndim == 2 and numbers.shape[1] == 1:
+        numbers = numbers[:, 0]
+    if numbers.ndim > 1 or (numbers.ndim == 1 and numbers.size != n):
+        raise ValueError(f"{name}: got shape {numbers.shape}, expected one number or ({n},)")
+    if not np.all(numbers >= TINY * 2.0**52):
+        raise ValueError(f"{name}: expected positive numbers, got {float(numbers.min()):g}")
+    return np.broadcast_to(numbers, (n,)).copy()

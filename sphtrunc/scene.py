@@ -1,0 +1,655 @@
+"""Scenes: which particles there are. A scene is a rule; only what the targets need is made.
+
+Rules are dimensionless: offsets s = (x_b − x_a)/h from the target, volumes V_b/h^d. Positions are
+never absolute: on lattices an offset is the difference of the indices plus the difference of two
+displacements, so no digit is lost however large the scene is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from numbers import Rational
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphtrunc import jitter
+from sphtrunc.lattice import DEFAULT, KINDS, sites, units
+from sphtrunc.summation import (
+    UNIT,
+    Array,
+    dd_add,
+    dd_from_ratio,
+    dd_mul,
+    dd_neg,
+    total,
+    two_sum,
+)
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+    from sphtrunc.particles import Particles
+
+Indices: TypeAlias = NDArray[np.int64]
+Scene: TypeAlias = "Lattice | Jittered | Graded | Particles"
+
+VOLUMES = ("constant", "cell", "summation")
+MOST_INDICES = 2**20  # along one axis, see jitter.BITS
+_EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbourhood:
+    """The neighbours of a block of T targets, padded to N rows; d dimensions.
+
+    offset: (d, N, T) s = (x_b − x_a)/h; rows of padding lie outside the support
+    volume: V_b/h^d, broadcasts to (N, T)
+    target: (T,) which targets these are
+    particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
+    stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
+    h: smoothing length of the target, (T,) or 1
+    offset_low, volume_low: what is to be added in double-double work, else None
+    offset_error, volume_error: bounds of the rounding errors, broadcast likewise, if asked for
+    """
+
+    offset: Array
+    volume: Array
+    target: Indices
+    particle: Indices | None = None
+    stretch: Array | None = None
+    h: Array | float = 1.0
+    offset_low: Array | None = None
+    volume_low: Array | None = None
+    offset_error: Array | None = None
+    volume_error: Array | None = None
+
+
+def exact(value: object, name: str) -> Fraction:
+    """The rational that a number or a text such as "10/13" or "0.7" says; a float is what it is.
+
+    Raises ValueError for anything else, NaN and infinities included.
+    """
+    if isinstance(value, (np.floating, np.integer)):
+        value = value.item()
+    text_fits = not isinstance(value, str) or (len(value) <= 200 and not set(value) & set("eE_"))
+    if isinstance(value, (str, Rational, float)) and not isinstance(value, bool) and text_fits:
+        try:
+            return Fraction(value)
+        except (ValueError, ZeroDivisionError, OverflowError):
+            pass
+    raise ValueError(f'{name}: got {str(value)[:60]!r}, expected a number such as 0.7 or "10/13"')
+
+
+# ------------------------------------------------------------------------------------- lattices
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """An undisplaced lattice: one target stands for all. Made by `lattice`."""
+
+    kind: str
+    dx_over_h: Fraction
+    offset: tuple[Fraction, ...]
+    volume: str
+    extent: int
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return KINDS[self.kind].dim
+
+    @property
+    def population(self) -> int:
+        """The number of different targets."""
+        return 1
+
+    @property
+    def particles(self) -> int:
+        """The number of particles of a scene of this extent."""
+        return int(self.extent**self.dim)
+
+    def rows(self, kernel: Kernel) -> int:
+        """The number of neighbours."""
+        return int(_stencil(self, kernel).shape[1])
+
+    def neighbourhood(
+        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+    ) -> Neighbourhood:
+        """The stencil, (d, N, 1). Offsets are exact numbers rounded once."""
+        m = _stencil(self, kernel)
+        s, low = _positions(self, m, self.dx_over_h, extended)
+        volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
+        hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
+        error: Array | None = np.abs(lo)
+        if self.volume == "summation":
+            home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
+            around, _ = _positions(home, _stencil(home, kernel), self.dx_over_h)
+            hi = _summed(np.zeros((self.dim, 1, 1)), around[:, :, None], kernel)
+            error = None
+        return Neighbourhood(
+            offset=s[:, :, None],
+            volume=hi,
+            target=target,
+            offset_low=None if low is None else low[:, :, None],
+            volume_low=lo if extended else None,
+            offset_error=UNIT * np.abs(s[:, :, None]) if errors else None,
+            volume_error=error if errors else None,
+        )
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) as arrays of Fractions."""
+        m = _stencil(self, kernel)
+        offset = _exact_positions(self, m) * self.dx_over_h
+        return offset, np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
+
+
+@dataclass(frozen=True)
+class Jittered:
+    """A lattice whose particles are displaced at random: u, of standard deviation σ/Δx along each
+    axis, is a pure function of (seed, lattice index). Made by `jittered`."""
+
+    lattice: Lattice
+    sigma: float
+    distribution: str
+    seed: int
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return self.lattice.dim
+
+    @property
+    def volume(self) -> str:
+        """The rule for the volumes."""
+        return self.lattice.volume
+
+    @property
+    def population(self) -> int:
+        """The number of different targets: the particles of the scene."""
+        return self.lattice.particles
+
+    @property
+    def particles(self) -> int:
+        """The number of particles of the scene."""
+        return self.lattice.particles
+
+    @property
+    def largest(self) -> float:
+        """The largest displacement along one axis, in Δx."""
+        most = self.sigma * jitter.largest(self.distribution) * _EDGE
+        if self.distribution == "blue":
+            most *= 2.0 / (1.0 + 1.0 / len(KINDS[self.lattice.kind].nearest)) ** 0.5
+        return most
+
+    @property
+    def target_moves(self) -> bool:
+        """A target is a particle and moves with it, unless the lattice has an offset."""
+        return not any(self.lattice.offset)
+
+    def _sites(self, kernel: Kernel) -> Indices:
+        slack = self.largest * (2.0 if self.target_moves else 1.0)
+        margin = 1.0 + 3.0 * slack if self.volume == "cell" else 0.0
+        return _stencil(self.lattice, kernel, slack, margin, 2 if self.volume == "summation" else 1)
+
+    def rows(self, kernel: Kernel) -> int:
+        """The number of candidates that are looked at for a target."""
+        return int(self._sites(kernel).shape[1])
+
+    def displacement(self, index: Indices) -> Array:
+        """u, (d, …) in Δx, of the particles at integer points `index`, (d, …)."""
+        return np.stack(list(self._displacement(jitter.place(index))))
+
+    def _displacement(self, place: jitter.Bits) -> Iterator[Array]:
+        """u along one axis after the other."""
+        bits = jitter.noise(place, self.seed)
+        if self.distribution != "blue":
+            for axis in range(self.dim):
+                u = jitter.component(bits, axis, self.distribution)
+                u *= self.sigma
+                yield u
+            return
+        # less the mean over the nearest neighbours: spectrum (1 − mean cos)², none at long waves
+        steps = KINDS[self.lattice.kind].nearest
+        scale = self.sigma / (1.0 + 1.0 / len(steps)) ** 0.5
+        around = [
+            jitter.noise(place + jitter.place(np.array(step, dtype=np.int64)), self.seed)
+            for step in steps
+        ]
+        for axis in range(self.dim):
+            u = jitter.component(around[0], axis, "blue")
+            for other in around[1:]:
+                u += jitter.component(other, axis, "blue")
+            u *= -1.0 / len(steps)
+            u += jitter.component(bits, axis, "blue")
+            u *= scale
+            yield u
+
+    def origin(self, target: Indices) -> Indices:
+        """Integer points (d, T) of the targets 0 … extent^d − 1."""
+        rest, steps = target, []
+        for _ in range(self.dim):
+            rest, step = np.divmod(rest, self.lattice.extent)
+            steps.append(step)
+        primitive = np.array(KINDS[self.lattice.kind].primitive, dtype=np.int64)
+        return np.asarray(primitive.T @ np.stack(steps))
+
+    def neighbourhood(
+        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+    ) -> Neighbourhood:
+        """All neighbours of the targets, (d, N, T), N the largest number among them."""
+        m = self._sites(kernel)
+        base, base_low = _positions(self.lattice, m, Fraction(1), extended)
+        dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
+        origin = jitter.place(self.origin(target))
+        place = jitter.place(m)[:, None] + origin
+        own = list(self._displacement(origin))
+        offset = np.empty((self.dim, *place.shape))
+        low, error = [], []
+        for axis, u in enumerate(self._displacement(place)):
+            row, mine = base[axis][:, None], own[axis] if self.target_moves else 0.0 * own[axis]
+            if base_low is None:
+                u -= mine
+                s = np.add(u, row, out=offset[axis])
+                s *= dx_over_h[0]
+            else:
+                difference = two_sum(u, np.broadcast_to(-mine, u.shape))
+                both = dd_add(difference, (row, base_low[axis][:, None]))
+                offset[axis], s_low = dd_mul(both, (np.array(dx_over_h[0]), np.array(dx_over_h[1])))
+                low.append(s_low)
+            if errors:  # of the position, the difference, the sum, the ratio and the product
+                error.append(
+                    (UNIT * dx_over_h[0]) * (np.abs(u) + np.abs(row))
+                    + (3.0 + 1e-9) * UNIT * np.abs(offset[axis])
+                )
+        volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
+        return _assemble(self.volume, volume, offset, low, error, target, kernel)
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
+        m = self._sites(kernel)
+        origin = self.origin(np.array([target]))
+        moved = fractions(self.displacement(m + origin))
+        if self.target_moves:
+            moved -= fractions(self.displacement(origin))
+        offset = (_exact_positions(self.lattice, m) + moved) * self.lattice.dx_over_h
+        volume = np.full(m.shape[1], self.lattice.dx_over_h**self.dim, dtype=object)
+        if self.volume == "cell":
+            offset = np.sort(offset, axis=1)
+            volume = (offset[0, 2:] - offset[0, :-2]) / 2
+            offset = offset[:, 1:-1]
+        near = (offset * offset).sum(axis=0) <= _fraction(kernel.support) ** 2
+        return offset[:, near], volume[near]
+
+
+@dataclass(frozen=True)
+class Graded:
+    """1D particles of smoothly varying spacing. Made by `graded`."""
+
+    spacing: Callable[[Array], Array]
+    positions: tuple[float, ...]
+    offset: Fraction
+    dim: int = 1
+    volume: str = "cell"
+
+    @property
+    def population(self) -> int:
+        """The number of different targets."""
+        return len(self.positions)
+
+    @property
+    def particles(self) -> int:
+        """The number of targets; the particles themselves have no end."""
+        return self.population
+
+    def rows(self, kernel: Kernel) -> int:
+        """An estimate of the number of neighbours, for the size of blocks."""
+        dx = self._dx(np.array(self.positions))
+        return int(4.0 * float(kernel.support) / float(dx.min())) + 8
+
+    def _dx(self, x: Array) -> Array:
+        dx = np.asarray(self.spacing(x), dtype=np.float64)
+        if dx.shape not in (x.shape, ()) or not np.all(dx > 0) or not np.all(np.isfinite(dx)):
+            raise ValueError(
+                "dx: expected a function that returns a positive, finite spacing Δx/h for an array"
+                " of positions x/h"
+            )
+        return np.broadcast_to(dx, x.shape)
+
+    def _march(self, s: Array, at: Array, step: float) -> Array:
+        """s(ξ + step) from s(ξ), by the classical Runge–Kutta rule in 32 substeps a unit."""
+        substeps = max(1, round(32 * abs(step)))
+        d = step / substeps
+        for _ in range(substeps):
+            k1 = self._dx(at + s)
+            k2 = self._dx(at + (s + 0.5 * d * k1))
+            k3 = self._dx(at + (s + 0.5 * d * k2))
+            k4 = self._dx(at + (s + d * k3))
+            s = s + d / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        return s
+
+    def neighbourhood(
+        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+    ) -> Neighbourhood:
+        """All neighbours of the targets, (1, N, T); the offsets are the floats that they are."""
+        at = np.array(self.positions)[target]
+        support = float(kernel.support)
+        start = self._march(np.zeros_like(at), at, float(self.offset))
+        rows = [start]
+        for direction in (1.0, -1.0):
+            s, beyond = start, 0
+            while beyond < 2:  # one more than the support holds: the last cell ends half-way to it
+                s = self._march(s, at, direction)
+                beyond += bool(np.all(direction * s > support))
+                rows.append(s)
+                if len(rows) > MOST_INDICES:
+                    raise ValueError(
+                        f"dx: a target has more than {MOST_INDICES} neighbours; expected a larger"
+                        " spacing"
+                    )
+        offset = np.stack(rows)[None]
+        nothing = [np.zeros_like(offset[0])]
+        return _assemble(
+            "cell",
+            (0.0, 0.0),
+            offset,
+            nothing if extended else [],
+            nothing if errors else [],
+            target,
+            kernel,
+        )
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+        """Offsets (1, N) and volumes (N,) of one target as arrays of Fractions."""
+        block = self.neighbourhood(np.array([target]), kernel, extended=True)
+        low = np.zeros_like(block.volume) if block.volume_low is None else block.volume_low
+        inside = np.abs(block.offset[0, :, 0]) <= float(kernel.support)
+        volume = fractions(block.volume[inside, 0]) + fractions(low[inside, 0])
+        return fractions(block.offset[:, inside, 0]), volume
+
+
+# ---------------------------------------------------------------------------- how scenes are made
+
+
+def lattice(
+    dim: int = 1,
+    kind: str | None = None,
+    dx_over_h: object = "1/2",
+    offset: object = 0,
+    *,
+    volume: str = "constant",
+    extent: int = 1000,
+) -> Lattice:
+    """An endless lattice, seen from one of its particles or from `offset` beside it.
+
+    kind: "uniform" (1D); "square", "hexagonal" (2D); "cubic", "bcc", "fcc", "hcp" (3D).
+    dx_over_h: Δx/h, where Δx^d is the volume per particle, for every kind.
+    offset: position of the lattice relative to the target in units of Δx, x_j = (j + θ)Δx in 1D;
+        one number per axis. Together with Δx/h it is taken exactly: write Fractions or "10/13".
+    volume: "constant" Δx^d, or "summation" 1/Σ W (the same for all particles of a lattice).
+    extent: particles along each axis that a full scene would have, for the count of its pairs.
+
+    Raises ValueError for what is out of range.
+    """
+    if dim not in DEFAULT:
+        raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
+    kind = DEFAULT[dim] if kind is None else kind
+    names = [name for name, data in KINDS.items() if data.dim == dim]
+    if kind not in names:
+        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    ratio = exact(dx_over_h, "dx_over_h")
+    if not 0 < ratio <= 2**20 or ratio < Fraction(1, 2**40):
+        raise ValueError(
+            f"dx_over_h: got {float(ratio):g}, expected a positive ratio Δx/h such as 1/2"
+        )
+    values: Sequence[object]
+    if isinstance(offset, (tuple, list, np.ndarray)):
+        values = list(offset)
+    else:
+        values = [offset] if dim == 1 or exact(offset, "offset") else [0] * dim
+    if len(values) != dim:
+        raise ValueError(f"offset: got {len(values)} numbers, expected {dim}, one per axis")
+    shift = tuple(exact(value, "offset") for value in values)
+    if any(abs(s) > MOST_INDICES for s in shift):
+        raise ValueError("offset: expected a few particle spacings at most")
+    if volume not in VOLUMES or (volume == "cell" and dim > 1):
+        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
+    _whole("extent", extent, 1, MOST_INDICES)
+    return Lattice(kind, ratio, shift, volume, int(extent))
+
+
+def jittered(
+    lattice: Lattice, sigma: float, distribution: str = "gaussian", seed: int = 0
+) -> Jittered:
+    """The lattice with every particle displaced, the target too (unless it sits at an offset).
+
+    sigma: standard deviation σ/Δx of the displacement along each axis.
+    distribution: "gaussian", cut at four standard deviations and of unit variance all the same;
+        "uniform", of equal standard deviation; "blue", v less the mean of v over the nearest
+        lattice neighbours, v Gaussian: u_n = (v_n − mean v)/√(1 + 1/z), so that the spectrum is
+        that of v times (1 − mean cos k·e)²/(1 + 1/z), z the number of neighbours.
+    seed: 0 … 2⁶³ − 1.
+
+    Raises ValueError for what is out of range.
+    """
+    value = float(exact(sigma, "jitter"))
+    if not 0 <= value <= 10:
+        raise ValueError(f"jitter: got {value:g}, expected a standard deviation σ/Δx from 0 to 10")
+    if distribution not in jitter.DISTRIBUTIONS:
+        raise ValueError(
+            f"distribution: got {distribution!r}, expected one of {', '.join(jitter.DISTRIBUTIONS)}"
+        )
+    if distribution == "blue" and not KINDS[lattice.kind].nearest:
+        raise ValueError(
+            f"distribution: blue needs the same neighbours at every site, {lattice.kind} has two"
+            " sorts; expected gaussian or uniform, or another lattice"
+        )
+    _whole("seed", seed, 0, 2**63 - 1)
+    return Jittered(lattice, value, distribution, int(seed))
+
+
+def graded(dx: Callable[[Array], Array], x: object = 0.0, offset: object = 0) -> Graded:
+    """1D particles whose spacing varies smoothly: x(ξ) with dx/dξ = Δx(x), particles at whole
+    numbers ξ + θ counted from the target, each in the cell between the midpoints to the next ones.
+
+    dx: function from positions x/h (array) to spacings Δx/h (array of the same shape).
+    x: positions of the targets in units of h, one number or many.
+    offset: θ.
+
+    Raises ValueError for what is out of range.
+    """
+    if not callable(dx):
+        raise ValueError("dx: expected a function from positions to spacings")
+    try:
+        at = np.atleast_1d(np.asarray(x, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise ValueError("x: expected the positions of the targets, numbers") from None
+    if at.ndim != 1 or not at.size or not np.all(np.isfinite(at)):
+        raise ValueError("x: expected one or more finite positions of targets")
+    shift = exact(offset, "offset")
+    if not abs(shift) <= 1:
+        raise ValueError("offset: expected a number from -1 to 1")
+    return Graded(dx, tuple(at.tolist()), shift)
+
+
+def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:
+    """Targets `first` … `last` − 1 of a random order of all targets of the scene."""
+    return jitter.permuted(np.arange(first, last, dtype=np.int64), scene.population, seed)
+
+
+# --------------------------------------------------------------------------------------- the parts
+
+
+def fractions(values: Array) -> NDArray[Any]:
+    """The floats as an array of Fractions."""
+    return np.array([Fraction(v) for v in values.ravel().tolist()], dtype=object).reshape(
+        values.shape
+    )
+
+
+def _fraction(value: Any) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def _whole(name: str, value: object, low: int, high: int) -> None:
+    if (
+        not isinstance(value, (int, np.integer))
+        or isinstance(value, bool)
+        or not (low <= value <= high)
+    ):
+        raise ValueError(f"{name}: got {value!r}, expected a whole number from {low} to {high}")
+
+
+def _stencil(
+    lattice: Lattice, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
+) -> Indices:
+    """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
+    radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
+    found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
+    if found.shape[1] <= (0 if any(lattice.offset) else 1):
+        raise ValueError(
+            f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
+            f" support of {float(kernel.support):g} h; did you mean h/Δx?"
+        )
+    return found
+
+
+@lru_cache(maxsize=16)
+def _cached_sites(kind: str, radius: float, offset: tuple[Fraction, ...], slack: float) -> Indices:
+    return sites(kind, radius, offset, slack)
+
+
+def _positions(
+    lattice: Lattice, m: Indices, scale: Fraction, extended: bool = False
+) -> tuple[Array, Array | None]:
+    """(m·unit + offset)·scale along each axis, (d, N), correctly rounded; with the rest if asked
+    for. Each is a ratio of integers, found once per coordinate and axis."""
+    high, low = [], []
+    for row, unit, offset in zip(m, units(lattice.kind), lattice.offset, strict=True):
+        slope, start = unit * scale, offset * scale
+        bottom = slope.denominator * start.denominator
+        a, b = slope.numerator * start.denominator, start.numerator * slope.denominator
+        first, last = int(row.min()), int(row.max())
+        most = max(abs(first), abs(last)) * abs(a) + abs(b)
+        if most < 2**53 and bottom < 2**53 and not extended:
+            high.append((row * a + b) / float(bottom))
+            continue
+        values = [dd_from_ratio(k * a + b, bottom) for k in range(first, last + 1)]
+        table = np.array(values)
+        high.append(table[row - first, 0])
+        low.append(table[row - first, 1])
+    return np.stack(high), np.stack(low) if extended else None
+
+
+def _exact_positions(lattice: Lattice, m: Indices) -> NDArray[Any]:
+    """m·unit + offset, (d, N), as Fractions (irrational units to 256 bits)."""
+    return np.array(
+        [
+            [int(k) * unit + offset for k in row]
+            for row, unit, offset in zip(m, units(lattice.kind), lattice.offset, strict=True)
+        ],
+        dtype=object,
+    )
+
+
+def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:
+    """Move the rows that are near, (N, T), to the front, in their order, and cut the rest off.
+
+    Arrays are (N, T); padding is 0, or `far` in the array named "s0".
+    """
+    targets = near.shape[1]
+    rank = np.cumsum(near, axis=0, dtype=np.int32)
+    rows = int(rank[-1].max()) if rank.size else 0
+    kept = np.flatnonzero(near)
+    to = (rank.reshape(-1)[kept] - 1).astype(np.int64)
+    to *= targets
+    to += kept % targets
+    result = {}
+    for name, values in arrays.items():
+        out = np.full(rows * targets, far if name == "s0" else 0.0)
+        out[to] = values.reshape(-1)[kept]
+        result[name] = out.reshape(rows, targets)
+    return result
+
+
+def _assemble(
+    volume_rule: str,
+    constant: tuple[float, float],
+    offset: Array,
+    low: list[Array],
+    error: list[Array],
+    target: Indices,
+    kernel: Kernel,
+) -> Neighbourhood:
+    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count."""
+    dim, support = offset.shape[0], float(kernel.support)
+    arrays = {f"s{i}": s for i, s in enumerate(offset)}
+    arrays |= {f"low{i}": s for i, s in enumerate(low)} | {f"e{i}": s for i, s in enumerate(error)}
+    if volume_rule == "cell":
+        order = np.argsort(offset[0], axis=0, kind="stable")
+        arrays = {n: np.take_along_axis(a, order, axis=0) for n, a in arrays.items()}
+        arrays |= _cells(arrays)
+    distance = arrays["s0"] * arrays["s0"]
+    for i in range(1, dim):
+        distance += arrays[f"s{i}"] * arrays[f"s{i}"]
+    near = distance <= (support * _EDGE) ** 2
+    if volume_rule == "cell":
+        near[[0, -1]] = False  # no cell: it ends outside the candidates
+    kept = compact(near, arrays, 2.0 * support + 1.0)
+    volume = kept.get("volume", np.full((1, 1), constant[0]))
+    volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
+    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low))
+    packed = np.stack([kept[f"s{i}"] for i in range(dim)])
+    if volume_rule == "summation":
+        wide = distance <= (2.0 * support * _EDGE) ** 2
+        around = compact(wide, arrays, 5.0 * support + 1.0)
+        volume = _summed(packed, np.stack([around[f"s{i}"] for i in range(dim)]), kernel)
+        volume_low, volume_error = np.zeros((1, 1)), None
+    return Neighbourhood(
+        offset=packed,
+        volume=volume,
+        target=target,
+        offset_low=np.stack([kept[f"low{i}"] for i in range(dim)]) if low else None,
+        volume_low=volume_low if low else None,
+        offset_error=np.stack([kept[f"e{i}"] for i in range(dim)]) if error else None,
+        volume_error=volume_error if error else None,
+    )
+
+
+def _cells(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Volumes of 1D particles in order, (N, T): half the distance between the two neighbours."""
+    s = arrays["s0"]
+    volume = np.zeros_like(s)
+    volume[1:-1] = 0.5 * (s[2:] - s[:-2])
+    result = {"volume": volume}
+    if "low0" in arrays:
+        low = arrays["low0"]
+        hi, lo = dd_add((s[2:], low[2:]), dd_neg((s[:-2], low[:-2])))
+        result["volume_low"] = np.zeros_like(s)
+        volume[1:-1], result["volume_low"][1:-1] = 0.5 * hi, 0.5 * lo
+    if "e0" in arrays:
+        error = arrays["e0"]
+        bound = np.zeros_like(s)
+        bound[1:-1] = 0.5 * (error[2:] + error[:-2])
+        result["volume_error"] = (bound + UNIT * volume) * (1.0 + 1e-9)
+    return result
+
+
+def _summed(offset: Array, around: Array, kernel: Kernel) -> Array:
+    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses.
+
+    offset: (d, N, T) of the particles b; around: (d, M, T) of every particle within reach of them.
+    """
+    dim, rows, targets = offset.shape
+    volume = np.empty((rows, targets))
+    for b in range(rows):
+        distance = np.zeros(around.shape[1:])
+        for axis in range(dim):
+            d = around[axis] - offset[axis, b]
+            distance += d * d
+        density = total(np.asarray(kernel.w(np.sqrt(distance), dim), dtype=np.float64))
+        volume[b] = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
+    return volume
