@@ -1,31 +1,48 @@
 """Floating-point values of a piecewise polynomial: the one place where exact numbers become floats.
 
-Each piece [a, b] is expanded about its outer end, p(b − t) = t^m r(t), from exact coefficients that
-are rounded once; where Horner's rule for r would lose digits, the piece is cut in half until its
-roundings, Σ 2i|r_i| t^i in units of u, stay below 3|r| on each part. What is left is the rounding
-error of t^m, which is carried as a compensated product from m = 4 on (Graillat 2009,
-doi:10.1109/TC.2008.215). Terms below 2^-62 of r(0) are dropped.
+Each piece is cut at its real roots and expanded about the end c of a part where it vanishes, else
+about the outer end: p(c − t) = t^m r(t), from exact coefficients that are rounded once. Where the
+roundings of Horner's rule for r, of t and of t^m could add up to more than 4u of the value (8u
+above degree 11; u = 2^-53), t^m is carried as a compensated product (Graillat 2009,
+doi:10.1109/TC.2008.215), and where that is not enough the part is cut in half. Terms below 2^-62
+of r(0) are dropped. A float32 argument is evaluated in float64 and rounded once.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from mpmath import mp, workdps
+from sympy import Poly, Rational
 
-from sphtrunc.summation import two_product
+from sphtrunc.summation import two_product, two_sum
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-    from sympy import Poly, Rational
 
     from sphtrunc.kernel import Kernel
 
 _BLOCK = 8192  # points at a time: the handful of arrays of a block stay in the first caches
-_DEPTH = 8  # a piece is cut into at most 2^8 parts; reached only next to a change of sign
+_DEPTH = 10  # a part is cut into at most 2^10; reached only next to a pair of complex roots
 _DIGITS = 60
+_ROOT_WIDTH = Rational(1, 2**160)
+
+
+@dataclass(frozen=True)
+class Power:
+    """The factor t^m of a part: (scale·t)^m, whose scale the coefficients of r already contain.
+
+    scale is the power of two that makes |r(0)| at most 1, so that t^m is not lost to underflow
+    where the value is not.
+    """
+
+    exponent: int
+    scale: float
+    compensated: bool
 
 
 @dataclass(frozen=True)
@@ -33,17 +50,17 @@ class Table:
     """Local expansions of one piecewise polynomial, ready for arrays.
 
     breaks: (n,) largest float not beyond the outer end of each part, increasing
-    end, end_low: (n+1,) the outer end b of each part as an unevaluated sum of two floats
-    coefficients: (degree+1, n+1) of r(t), t = b − q; the last column is the zero outside
-    multiplicity: (n,) the m of t^m
+    centre, centre_low: (n+1,) the point c of expansion as an unevaluated sum of two floats
+    coefficients: (degree+1, n+1) of r(t), t = c − q; the last column is the zero outside
+    powers: (n,) the t^m of each part
     knots: exactly representable knots at which the function jumps, with the mean of both sides
     """
 
-    breaks: NDArray[np.floating[Any]]
-    end: NDArray[np.floating[Any]]
-    end_low: NDArray[np.floating[Any]]
-    coefficients: NDArray[np.floating[Any]]
-    multiplicity: tuple[int, ...]
+    breaks: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    centre_low: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    powers: tuple[Power, ...]
     knots: tuple[tuple[float, float], ...]
 
 
@@ -63,136 +80,177 @@ def checked(argument: ArrayLike) -> NDArray[np.floating[Any]]:
 
 
 @lru_cache(maxsize=256)
-def tabulate(kernel: Kernel, dim: int, derivative: int, dtype: str = "float64") -> Table:
-    """The table of σ_d w^{(derivative)}(q) in the given precision."""
-    from mpmath import mp, workdps
-    from sympy import Rational
-
-    real = np.dtype(dtype).type
+def tabulate(kernel: Kernel, dim: int, derivative: int) -> Table:
+    """The table of σ_d w^{(derivative)}(q)."""
     pieces = list(kernel.pieces)
     for _ in range(derivative):
         pieces = [p.diff() for p in pieces]
     parts = [
         part
         for a, b, piece in zip(kernel.knots, kernel.knots[1:], pieces, strict=False)
-        for part in _cut(piece, a, b, dtype, _DEPTH)
+        for part in _parts(piece, a, b)
     ]
-    degree = max(len(r) for _, _, r in parts)
+    coefficients = np.zeros((max(len(part.r) for part in parts), len(parts) + 1))
+    powers, means = [], []
     with workdps(_DIGITS):
-        sigma = mp.mpf(1) / (
-            {1: 2, 2: 2 * mp.pi, 3: 4 * mp.pi}[dim] * _mp(kernel._mass(dim))  # noqa: SLF001
-        )
-        coefficients = np.zeros((degree, len(parts) + 1), dtype=real)
-        for column, (_, _, r) in enumerate(parts):
+        sigma = mp.mpf(1) / ({1: 2, 2: 2 * mp.pi, 3: 4 * mp.pi}[dim] * _mp(kernel._mass(dim)))
+        for column, part in enumerate(parts):
+            m, r = part.multiplicity, part.r
+            size = mp.frexp(sigma * _mp(r[0]))[1]  # |r(0)| <= 2^size
+            shift = -(-size // m) if m and r[0] else 0
+            powers.append(Power(m, 2.0**shift, part.compensated))
             for row, c in enumerate(r):
-                coefficients[row, column] = real(sigma * _mp(c))
-        means = []
+                coefficients[row, column] = float(mp.ldexp(sigma * _mp(c), -m * shift))
         for i, knot in enumerate(kernel.knots[1:]):
             left = pieces[i].eval(knot)
             right = pieces[i + 1].eval(knot) if i + 1 < len(pieces) else Rational(0)
-            if left != right and Rational(float(real(float(knot)))) == knot:
+            if left != right and _is_float(knot):
                 means.append((float(knot), float(sigma * _mp((left + right) / 2))))
-    ends = [b for b, _, _ in parts]
-    high = np.array([float(b) for b in ends], dtype=real)
-    low = np.array([float(b - Rational(float(x))) for b, x in zip(ends, high, strict=True)], real)
-    breaks = np.where(low < 0, np.nextafter(high, real(0)), high)
-    pad = np.zeros(1, dtype=real)
+    ends, _ = _two_floats([part.end for part in parts])
+    centre, centre_low = _two_floats([part.centre for part in parts])
     return Table(
-        breaks=breaks,
-        end=np.concatenate([high, pad]),
-        end_low=np.concatenate([low, pad]),
+        breaks=ends,
+        centre=np.append(centre, 0.0),
+        centre_low=np.append(centre_low, 0.0),
         coefficients=coefficients,
-        multiplicity=tuple(m for _, m, _ in parts),
+        powers=tuple(powers),
         knots=tuple(means),
     )
 
 
 def evaluate(table: Table, q: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-    """The tabulated function at q >= 0 (any shape, unchecked): r(t) by Horner, then t^m."""
+    """The tabulated function at q >= 0 (any shape, unchecked), in the precision of q."""
     result = np.empty(q.shape, dtype=q.dtype)
     flat_in, flat_out = q.reshape(-1), result.reshape(-1)
     for start in range(0, flat_in.size, _BLOCK):
         part = slice(start, start + _BLOCK)
-        _evaluate_block(table, flat_in[part], flat_out[part])
+        flat_out[part] = _evaluate_block(table, flat_in[part].astype(np.float64, copy=False))
     return result
 
 
-def _evaluate_block(
-    table: Table, q: NDArray[np.floating[Any]], out: NDArray[np.floating[Any]]
-) -> None:
-    outside = len(table.breaks)
+def _evaluate_block(table: Table, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """r(t) by Horner's rule, then times t^m."""
     index = np.searchsorted(table.breaks, q)
-    t = table.end[index]
+    t = table.centre[index]
     t -= q
-    if table.end_low.any():
-        t += table.end_low[index]
-    t[index == outside] = 0  # also keeps an infinite q from becoming NaN
+    if table.centre_low.any():
+        t += table.centre_low[index]
+    t[index == len(table.breaks)] = 0  # also keeps an infinite q from becoming NaN
     rows = table.coefficients
-    rows[-1].take(index, out=out, mode="clip")
+    out: NDArray[np.float64] = rows[-1][index]
     for row in rows[-2::-1]:
         out *= t
         out += row[index]
-    for piece, m in enumerate(table.multiplicity):
-        if m:
-            here = np.nonzero(index == piece)[0]
-            if here.size:
-                power, low = _power(t[here], m)
-                r = out[here]
-                out[here] = power * r + low * r
+    for part, power in enumerate(table.powers):
+        if power.exponent:
+            here = np.nonzero(index == part)[0]
+            if here.size and power.compensated:
+                high, low = two_sum(np.broadcast_to(table.centre[part], here.shape), -q[here])
+                low += table.centre_low[part]
+                out[here] = _times_power(out[here], *two_sum(high, low), power)
+            elif here.size:
+                factor = power.scale * t[here]
+                for _ in range(power.exponent):
+                    out[here] *= factor
     for knot, mean in table.knots:
         out[q == knot] = mean
+    return out
 
 
-def _power(
-    t: NDArray[np.floating[Any]], m: int
-) -> tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]] | float]:
-    """t^m as an unevaluated sum of two arrays: to one rounding from m = 4 on."""
-    if m < 4:
-        power = t.copy()
-        for _ in range(m - 1):
-            power *= t
-        return power, 0.0
-    power, low = t, np.zeros_like(t)
-    for bit in bin(m)[3:]:
-        square, error = two_product(power, power)
-        low = 2 * power * low + error
-        power = square
+def _times_power(
+    r: NDArray[np.float64], t: NDArray[np.float64], t_low: NDArray[np.float64], power: Power
+) -> NDArray[np.float64]:
+    """r·(scale·(t + t_low))^m, the power as an unevaluated sum of two arrays."""
+    t, t_low = power.scale * t, power.scale * t_low
+    high, low = t, t_low
+    for bit in bin(power.exponent)[3:]:
+        square, error = two_product(high, high)
+        high, low = square, 2 * high * low + error
         if bit == "1":
-            product, error = two_product(power, t)
-            low = low * t + error
-            power = product
-    return power, low
+            product, error = two_product(high, t)
+            high, low = product, low * t + high * t_low + error
+    return high * r + low * r
+
+
+class Part(NamedTuple):
+    """p(c − t) = t^m r(t) for q = c − t up to `end`."""
+
+    end: Rational
+    centre: Rational
+    multiplicity: int
+    r: list[Rational]
+    compensated: bool
+
+
+def _parts(piece: Poly, a: Rational, b: Rational) -> list[Part]:
+    """The parts of a piece on [a, b], from the inside out: between its real roots, cut to fit."""
+    roots: dict[Rational, int] = {}
+    if piece.degree() > 0:
+        for (low, high), multiplicity in piece.intervals(eps=_ROOT_WIDTH, inf=a, sup=b):
+            roots[(low + high) / 2] = multiplicity
+    marks = sorted({a, *roots, b})
+    return [
+        part for left, right in pairwise(marks) for part in _cut(piece, left, right, roots, _DEPTH)
+    ]
 
 
 def _cut(
-    piece: Poly, a: Rational, b: Rational, dtype: str, depth: int
-) -> list[tuple[Rational, int, list[Rational]]]:
-    """Parts (outer end, multiplicity m, coefficients of r) of a piece, from the inside out."""
-    from sympy import Rational
-
-    local = list(reversed(piece.shift(b).all_coeffs()))  # in powers of q − b = −t
+    piece: Poly, a: Rational, b: Rational, roots: dict[Rational, int], depth: int
+) -> list[Part]:
+    """The parts of [a, b], which has no root of the piece inside."""
+    centre, far = (a, b) if a in roots and b not in roots else (b, a)
+    m = roots.get(centre, 0)
+    local = list(reversed(piece.shift(centre).all_coeffs()))  # in powers of q − c = −t
     local[1::2] = [-c for c in local[1::2]]
-    m = next((i for i, c in enumerate(local) if c), 0)
     r = local[m:]
-    width = b - a
+    width = _exact(float(centre - far))
     terms = [c * width**i for i, c in enumerate(r)]
-    against = sum(abs(c) for c in terms if c * terms[0] < 0)
-    roundings = sum(2 * i * abs(c) for i, c in enumerate(terms))
-    if depth and roundings > 3 * (abs(terms[0]) - against):
-        middle = Rational(float(np.dtype(dtype).type(float((a + b) / 2))))
+    inexact = [bool(2 * a < b and centre != 0), not _is_float(centre)].count(True)  # in t
+    # roundings, each at most u: (2 + inexact)i + 1 in the term i of r, and in t^m as follows
+    allowed = 4 if piece.degree() <= 11 else 8
+    plain, compensated = m * (1 + inexact), 2 if m else 0
+    if depth and not _fits(terms, inexact, allowed - min(plain, compensated)):
+        middle = Rational(float((a + b) / 2))
         if a < middle < b:
             return [
-                *_cut(piece, a, middle, dtype, depth - 1),
-                *_cut(piece, middle, b, dtype, depth - 1),
+                *_cut(piece, a, middle, roots, depth - 1),
+                *_cut(piece, middle, b, roots, depth - 1),
             ]
     tiny = abs(terms[0]) / 2**62
     while len(r) > 1 and abs(terms[-1]) * len(r) < tiny:
         r.pop()
         terms.pop()
-    return [(b, m, r)]
+    return [Part(b, centre, m, r, m > 1 and not _fits(terms, inexact, allowed - plain))]
+
+
+def _fits(terms: list[Rational], inexact: int, allowed: int) -> bool:
+    """Whether the roundings of Horner's rule stay below allowed·|r| on the part.
+
+    It is so where Σ (allowed·c_i − ((2 + inexact)i + 1)|c_i|) t^i >= 0 (with c_0 > 0); for that the
+    negative terms are taken at the far end and the positive ones, but the first, as 0.
+    """
+    sign = 1 if terms[0] > 0 else -1
+    room = [allowed * sign * c - ((2 + inexact) * i + 1) * abs(c) for i, c in enumerate(terms)]
+    return bool(room[0] + sum(c for c in room[1:] if c < 0) >= 0)
+
+
+def _two_floats(values: list[Rational]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The largest floats not above the values, and what remains."""
+    high = []
+    for value in values:
+        near = float(value)
+        high.append(near if _exact(near) <= value else float(np.nextafter(near, -np.inf)))
+    low = [float(value - _exact(x)) for value, x in zip(values, high, strict=True)]
+    return np.array(high), np.array(low)
+
+
+def _is_float(value: Rational) -> bool:
+    return bool(_exact(float(value)) == value)
+
+
+def _exact(value: float) -> Rational:
+    return Rational(*value.as_integer_ratio())
 
 
 def _mp(value: Rational) -> Any:
-    from mpmath import mp
-
     return mp.mpf(int(value.p)) / int(value.q)

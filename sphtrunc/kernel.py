@@ -1,6 +1,6 @@
-"""Exact kernels: a shape w(q), piecewise polynomial in q = r/h with rational knots and coefficients.
+"""Exact kernels: a shape w(q), piecewise polynomial in q = r/h with rational coefficients.
 
-A kernel in d dimensions is W(r, h) = σ_d h^{-d} w(r/h); its dimensionless form is Ŵ(s) = σ_d w(|s|).
+In d dimensions the kernel is W(r, h) = σ_d h^{-d} w(r/h); its dimensionless form Ŵ(s) = σ_d w(|s|).
 The shape has no dimension and no scale: every constant (σ_d, moments, jumps) is derived from it.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 from math import factorial
 from numbers import Integral
@@ -189,12 +190,12 @@ class Kernel:
     @property
     def boundary_smoothness(self) -> int:
         """β: the derivatives 0 … β vanish at the edge of the support (−1: w itself jumps there)."""
-        return valuation(self.pieces[-1], self.support) - 1
+        return int(valuation(self.pieces[-1], self.support)) - 1
 
     @property
     def smoothness(self) -> int:
         """The even 1D extension is C^smoothness: the least order over all knots (−1: it jumps)."""
-        return min(self.knot_smoothness().values())
+        return int(min(self.knot_smoothness().values()))
 
     def knot_smoothness(self) -> dict[Rational, int | float]:
         """For every knot p ≥ 0 of the even extension, how many derivatives are continuous there.
@@ -234,12 +235,7 @@ class Kernel:
         return tuple(tuple(reversed(p.all_coeffs())) for p in self.pieces)
 
     def _mass(self, dim: int) -> Rational:
-        mass = self._radial(self.pieces, dim - 1)
-        if mass == 0:
-            raise ValueError(
-                f"kernel {self.name!r}: its integral in {dim}D is zero, so it cannot be normalised"
-            )
-        return mass
+        return _mass(self, dim)
 
     def _radial(self, pieces: Sequence[Poly], power: int) -> Rational:
         """∫₀^κ qⁿ f(q) dq for f piecewise polynomial on the knots."""
@@ -278,7 +274,18 @@ class Kernel:
         from sphtrunc.evaluation import checked, evaluate, tabulate
 
         points = checked(argument)
-        return evaluate(tabulate(self, dimension(dim), derivative, points.dtype.name), points)
+        return evaluate(tabulate(self, dimension(dim), derivative), points)
+
+
+@cache
+def _mass(kernel: Kernel, dim: int) -> Rational:
+    """∫₀^κ w q^{d−1} dq."""
+    mass = kernel._radial(kernel.pieces, dim - 1)
+    if mass == 0:
+        raise ValueError(
+            f"kernel {kernel.name!r}: its integral in {dim}D is zero, so it cannot be normalised"
+        )
+    return mass
 
 
 def valuation(piece: Poly, point: Rational) -> int | float:
@@ -307,14 +314,10 @@ def jumps(
     result = []
     for m in range(orders):
         mirror = -parity * (-1) ** m
-        at: dict[Rational, Rational] = {}
-        for knot, coefficients in zip(knots, taylor, strict=True):
-            jump = factorial(m) * coefficients[m] if m < len(coefficients) else Rational(0)
-            if knot == 0:
-                at[knot] = (1 + mirror) * jump
-            else:
-                at[knot], at[-knot] = jump, mirror * jump
-        result.append(dict(sorted(at.items())))
+        right = [factorial(m) * c[m] if m < len(c) else Rational(0) for c in taylor]
+        at = {-knot: mirror * jump for knot, jump in zip(knots[:0:-1], right[:0:-1], strict=True)}
+        at[knots[0]] = (1 + mirror) * right[0]
+        result.append({**at, **dict(zip(knots[1:], right[1:], strict=True))})
     return result
 
 

@@ -1,4 +1,4 @@
-"""Text and files to kernels: a grammar into exact polynomials; nothing is ever evaluated as code."""
+"""Text and files to kernels: a grammar into exact polynomials; nothing is evaluated as code."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,7 +160,7 @@ def _from_powers(tree: Any, name: str, source: str) -> Kernel:
             "kernel: a formula must say where it ends:"
             " write '0..2: (2-q)^3' or truncated powers such as 'pos(2-q)^3'"
         )
-    middles = [(a + b) / 2 for a, b in zip(ends, ends[1:], strict=False)]
+    middles = [(a + b) / 2 for a, b in pairwise(ends)]
     if not _expand(tree, ends[-1] + 1).is_zero:
         raise ValueError(f"kernel: the formula does not vanish beyond its last knot {ends[-1]}")
     return Kernel(ends, [_expand(tree, m) for m in middles], name=name, source=source)
