@@ -12,18 +12,26 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sphtrunc.derivation import Derivation as Derivation
     from sphtrunc.kernel import Kernel as Kernel
+    from sphtrunc.moments import Moments as Moments
+    from sphtrunc.operators import Operator as Operator
     from sphtrunc.parse import kernel as kernel
+    from sphtrunc.theory import derive as derive
 
 __version__ = "0.1.0"
 
 # name: module; imported on first use, so that `import sphtrunc` costs nothing
 _PUBLIC = {
+    "Derivation": "derivation",
     "Kernel": "kernel",
+    "Moments": "moments",
+    "Operator": "operators",
+    "derive": "theory",
     "kernel": "parse",
 }
 
-__all__ = ["Kernel", "__version__", "kernel"]
+__all__ = ["Derivation", "Kernel", "Moments", "Operator", "__version__", "derive", "kernel"]
 
 
 def __getattr__(name: str) -> Any:

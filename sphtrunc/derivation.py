@@ -208,7 +208,7 @@ class Derivation:
                 jump = kernel.jumps(first)[knot]
                 says = f"Ŵ{_primes(first)} is the first to jump, by {_number(jump)} in 1D"
             limits = "  ← limits the order" if n == least else ""
-            lines.append(f"  q = {str(knot):<6} {place:<9} {says}{limits}")
+            lines.append(f"  q = {knot!s:<6} {place:<9} {says}{limits}")
         return "\n".join(lines)
 
     def _smoothing_text(self) -> str:
@@ -266,7 +266,9 @@ class Derivation:
                 row = {t.knot: t.coefficient for t in terms if t.dx_power == n}
                 left = phased(row, n, self.offset)
                 if left:
-                    parts = [_signed(_product(c, [_wave(n, p, self.offset)])) for p, c in left.items()]
+                    parts = [
+                        _signed(_product(c, [_wave(n, p, self.offset)])) for p, c in left.items()
+                    ]
                     parts[0] = parts[0].removeprefix("+ ")
                     parts[-1] += "] + …"
                     lines += _wrapped(parts, f"    {name} − limit = (Δx/h){_power(n)} [", " ")

@@ -146,7 +146,7 @@ class Kernel:
     @property
     def degree(self) -> int:
         """The highest degree of any piece."""
-        return max(int(p.degree()) for p in self.pieces)
+        return max(int(p.degree()) for p in self.pieces if not p.is_zero)
 
     def derivative(self) -> tuple[Poly, ...]:
         """The pieces of w′(q), knot by knot (without the delta functions of a jump)."""

@@ -46,7 +46,7 @@ def label(alpha: MultiIndex) -> str:
 class Moments:
     """Discrete moments M_α of an estimate, or their continuous limit.
 
-    values: multi-index -> exact number, SymPy expression, float or array over targets; dimensionless
+    values: multi-index -> exact number, SymPy expression, float or array over targets
     exact: the values of an estimate without error; indices that are missing count as 0
     derivatives: the number k of derivatives that the estimate stands for
     provenance: how the values came about ("derived", "measured", …)

@@ -17,12 +17,12 @@ from functools import cache
 from math import lcm, prod
 from typing import Any
 
-from sympy import QQ, Expr, Poly, Rational, bernoulli, factorial, factorial2, floor, radsimp
+from sympy import QQ, Expr, Poly, Rational, factorial, factorial2, floor, radsimp
 
 from sphtrunc.derivation import Derivation, Term, fraction, periodic_bernoulli, phased, simple
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational
 from sphtrunc.moments import Moments, MultiIndex, unit
-from sphtrunc.operators import Key, Operator, combine
+from sphtrunc.operators import DERIVATIVES, FORMS, Key, Operator
 from sphtrunc.parse import kernel as parse_kernel
 
 MAX_DEGREE = 40  # of the moments that are derived
@@ -58,6 +58,11 @@ def derive(
     kernel = parse_kernel(kernel)
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
+    if operator.name not in DERIVATIVES or operator.form not in FORMS:
+        raise ValueError(
+            f"operator: got {operator.name}, form {operator.form}; the theory covers"
+            f" {', '.join(DERIVATIVES)} in the forms {', '.join(FORMS)}"
+        )
     dim = dimension(dim)
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= MAX_DEGREE:
         raise ValueError(f"degree: got {degree!r}, expected a whole number from 0 to {MAX_DEGREE}")
@@ -109,7 +114,7 @@ def spacing(value: object) -> Expr:
 # -- continuous moments -------------------------------------------------------------------------
 
 
-def continuous_sum(kernel: Kernel, delta: MultiIndex, alpha: MultiIndex) -> Rational:
+def continuous_sum(kernel: Kernel, delta: Any, alpha: MultiIndex) -> Rational:
     """m[δ, α] with the sum replaced by the integral: (−1)^{|δ|} ∫ s^α ∂^δ Ŵ d^d s.
 
     By isotropy ∫ s^{2a} g(|s|) = ∏(2a_i − 1)!!/[d(d+2)…(d+2n−2)] ∫ |s|^{2n} g, n = Σ a_i.
