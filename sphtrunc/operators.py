@@ -16,17 +16,32 @@ Jun & Zhang (1995) doi:10.1002/fld.1650200824.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
+from math import comb, factorial, perm, prod
 from typing import Any
 
 from sphtrunc.moments import MultiIndex, add, multi_indices, unit
 
-Key = tuple[MultiIndex, MultiIndex]  # (δ, α)
+Term = Any  # δ, or the name of a term of its own
+Key = tuple[Term, MultiIndex]  # (δ, α)
 Sums = Mapping[Key, Any]
 Solver = Callable[[Sequence[Sequence[Any]], Sequence[Sequence[Any]]], list[list[Any]]]
 
-#: operator: number of derivatives
+#: terms beside the derivatives of the kernel: −Ŵ′/q and −Ŵ′/q³ (without the particle at s = 0)
+BROOKSHAW, FATEHI_MANZARI = "brookshaw", "fatehi-manzari"
+
+#: operator: number of derivatives, forms (the first is the default)
+OPERATORS = {
+    "value": (0, ("standard", "difference")),
+    "gradient": (1, ("standard", "difference", "symmetric")),
+    "divergence": (1, ("standard", "difference", "symmetric")),
+    "curl": (1, ("standard", "difference", "symmetric")),
+    "laplacian": (2, ("direct", "difference", BROOKSHAW, FATEHI_MANZARI)),
+    "hessian": (2, ("direct", "difference")),
+}
+#: what the exact theory in `derive` covers
 DERIVATIVES = {"value": 0, "gradient": 1}
 FORMS = ("standard", "difference")
 CORRECTIONS = ("none", "shepard", "csph", "csph-shepard", "rkpm-1", "rkpm-2", "rkpm-3")
@@ -34,37 +49,55 @@ CORRECTIONS = ("none", "shepard", "csph", "csph-shepard", "rkpm-1", "rkpm-2", "r
 
 @dataclass(frozen=True)
 class Operator:
-    """An SPH estimate of A or of its gradient.
+    """An SPH estimate of A or of its derivatives.
 
-    name: "value" Σ A_b W V, or "gradient" −Σ A_b ∇W(x_b − x_a) V
-    form: "standard", or "difference" with A_b − A_a in place of A_b (and A_a added to a value)
+    name: "value" Σ A_b W V; "gradient" −Σ A_b ∇W(x_b − x_a) V, and with it "divergence" and "curl"
+        of a vector; "laplacian" and "hessian" Σ A_b ∂ᵢ∂ⱼW V.
+    form: "standard" ("direct" for second derivatives); "difference" with A_b − A_a in place of A_b
+        (and A_a added to a value); "symmetric" with A_b ρ_a/ρ_b + A_a ρ_b/ρ_a, which conserves
+        momentum; "brookshaw" 2 Σ (A_b − A_a)(−W′/r) V (Brookshaw 1985,
+        doi:10.1017/S1323358000018117; Morris, Fox & Zhu 1997, doi:10.1006/jcph.1997.5776);
+        "fatehi-manzari", the same less the part of ∇A (CSPH), contracted with the tensor that
+        makes it exact for quadratic fields (2011, doi:10.1016/j.camwa.2010.12.028)
     correction: "none"; "shepard" divides the kernel by Σ W V; "csph" multiplies the gradient by the
         inverse of Σ_b ∇W (x_b − x_a) V ("csph-shepard": of the kernel that Shepard's has divided);
         "rkpm-m" multiplies the kernel by the polynomial of degree m that makes the estimate exact
-        for polynomials of degree m. Gradients of corrected kernels are exact derivatives with
+        for polynomials of degree m. Derivatives of corrected kernels are exact derivatives with
         respect to the point of evaluation; Shepard's is RKPM of degree 0.
 
     Raises ValueError for an unknown name, or a correction that does not apply.
     """
 
     name: str = "gradient"
-    form: str = "standard"
+    form: str | None = None
     correction: str = "none"
 
     def __post_init__(self) -> None:
-        _choice("operator", self.name, DERIVATIVES)
-        _choice("form", self.form, FORMS)
+        _choice("operator", self.name, OPERATORS)
+        forms = OPERATORS[self.name][1]
+        if self.form is None:
+            object.__setattr__(self, "form", forms[0])
+        _choice("form", self.form, forms)
         _choice("correction", self.correction, CORRECTIONS)
-        if self.name == "value" and self.correction.startswith("csph"):
+        if self.derivatives != 1 and self.correction.startswith("csph"):
             raise ValueError(
-                f"correction: {self.correction} corrects a gradient, not a value;"
+                f"correction: {self.correction} corrects a gradient, not a {self.name};"
                 " expected none, shepard or rkpm-1 to rkpm-3"
+            )
+        if self.correction != "none" and self.form in ("symmetric", BROOKSHAW, FATEHI_MANZARI):
+            raise ValueError(
+                f"correction: got {self.correction} for the form {self.form}, expected none"
             )
 
     @property
     def derivatives(self) -> int:
         """k, the number of derivatives that the estimate stands for."""
-        return DERIVATIVES[self.name]
+        return OPERATORS[self.name][0]
+
+    @property
+    def uses_difference(self) -> bool:
+        """The estimate sees A_b − A_a only."""
+        return self.form in ("difference", BROOKSHAW, FATEHI_MANZARI)
 
     @property
     def polynomial_degree(self) -> int | None:
@@ -76,30 +109,52 @@ class Operator:
     @property
     def consistency(self) -> int:
         """The degree up to which polynomials are exact on any arrangement; −1 if none is."""
+        if self.form == FATEHI_MANZARI:
+            return 2
         if self.correction.startswith("csph"):
             return 1 if self.form == "difference" or "shepard" in self.correction else -1
         if self.polynomial_degree is not None:
             return self.polynomial_degree
-        return 0 if self.form == "difference" else -1
+        return 0 if self.uses_difference else -1
+
+    def components(self, dim: int) -> list[tuple[MultiIndex, ...]]:
+        """The derivatives that each component of the estimate stands for, summed.
+
+        One row for a value or a Laplacian, `dim` for a gradient (of which divergence and curl are
+        made), the pairs i <= j for a Hessian.
+        """
+        axes = range(dim)
+        if self.name == "laplacian":
+            return [tuple(unit(dim, i, 2) for i in axes)]
+        return [(mu,) for mu in multi_indices(dim, self.derivatives) if sum(mu) == self.derivatives]
 
     def target(self, dim: int, axis: int = 0) -> dict[MultiIndex, int]:
         """The moments of an estimate without error; those not named are 0."""
-        return {unit(dim, axis, self.derivatives): 1}
+        return {mu: prod(factorial(n) for n in mu) for mu in self.components(dim)[axis]}
 
     def needed(self, dim: int, degree: int) -> list[Key]:
         """The base sums that moments up to `degree` of every component need, and no others."""
-        zero = unit(dim, 0, 0)
-        slopes = [unit(dim, i) for i in range(dim)] if self.derivatives else []
         m = self.polynomial_degree
-        kernels = [zero] if m is not None or not slopes else []
-        reach = max(degree + (m or 0), 2 * (m or 0))
-        if self.correction.startswith("csph"):
-            reach = max(reach, 1 + (m or 0))
+        terms: list[Term]
+        if self.form == BROOKSHAW:
+            terms, reach = [BROOKSHAW], degree
+        elif self.form == FATEHI_MANZARI:
+            terms = [FATEHI_MANZARI, *(unit(dim, i) for i in range(dim))]
+            reach = max(degree, 2) + 2
+        else:
+            top = list(dict.fromkeys(mu for part in self.components(dim) for mu in part))
+            below = [d for d in multi_indices(dim, self.derivatives) if d not in top]
+            terms = [*(below if m is not None else ()), *top]
+            reach = max(degree + (m or 0), 2 * (m or 0))
+            if self.correction.startswith("csph"):
+                reach = max(reach, 1 + (m or 0))
         alphas = list(multi_indices(dim, reach))
-        return [(delta, alpha) for delta in (*kernels, *slopes) for alpha in alphas]
+        return [(term, alpha) for term in terms for alpha in alphas]
 
-    def coefficients(self, sums: Sums, dim: int, solve: Solver | None = None) -> list[dict[Key, Any]]:
-        """c[δ, γ] for each component of the estimate: one for a value, `dim` for a gradient.
+    def coefficients(
+        self, sums: Sums, dim: int, solve: Solver | None = None
+    ) -> list[dict[Key, Any]]:
+        """c[δ, γ] for each row of `components`.
 
         `solve(matrix, columns)` solves a linear system; the default is exact elimination, which
         raises ValueError where the correction matrix is singular.
@@ -107,35 +162,33 @@ class Operator:
         solve = solve or eliminate
         zero = unit(dim, 0, 0)
         m = self.polynomial_degree
-        if self.derivatives == 0:
-            return [{(zero, zero): 1} if m is None else _reproducing(sums, dim, m, None, solve)]
-        axes = range(dim)
-        parts: list[dict[Key, Any]] = [
-            {(unit(dim, i), zero): 1} if m is None else _reproducing(sums, dim, m, i, solve)
-            for i in axes
-        ]
+        if self.form == BROOKSHAW:
+            return [{(BROOKSHAW, zero): 2}]
+        if self.form == FATEHI_MANZARI:
+            return [_fatehi_manzari(sums, dim, solve)]
+        rows = self.components(dim)
+        if m is None:
+            parts: list[dict[Key, Any]] = [{(mu, zero): 1 for mu in row} for row in rows]
+        else:
+            wanted = [mu for row in rows for mu in row]
+            found = dict(zip(wanted, _reproducing(sums, dim, m, wanted, solve), strict=True))
+            parts = [_weighted((1, found[mu]) for mu in row) for row in rows]
         if self.correction.startswith("csph"):
-            slopes = [[combine(part, sums, unit(dim, j)) for j in axes] for part in parts]
-            identity = [[int(i == j) for j in axes] for i in axes]
-            inverse = solve(slopes, identity)
-            keys = list(dict.fromkeys(key for part in parts for key in part))
-            parts = [
-                {
-                    key: sum(inverse[i][k] * parts[k][key] for k in axes if key in parts[k])
-                    for key in keys
-                }
-                for i in axes
-            ]
+            parts = _renormalised(parts, sums, dim, solve)
         return parts
 
     def correct(
         self, sums: Sums, dim: int, degree: int, axis: int = 0, solve: Solver | None = None
     ) -> dict[MultiIndex, Any]:
-        """The moments M_α, |α| <= degree, of the component `axis`, from the base sums."""
-        part = self.coefficients(sums, dim, solve)[axis if self.derivatives else 0]
+        """The moments M_α, |α| <= degree, of the component `axis`, from the base sums (for the
+        symmetric form: of particles of equal density)."""
+        part = self.coefficients(sums, dim, solve)[axis]
         moments = {alpha: combine(part, sums, alpha) for alpha in multi_indices(dim, degree)}
-        if self.form == "difference":
-            moments[unit(dim, 0, 0)] = 1 - min(self.derivatives, 1)
+        zero = unit(dim, 0, 0)
+        if self.uses_difference:
+            moments[zero] = 1 - min(self.derivatives, 1)
+        elif self.form == "symmetric":
+            moments[zero] = 2 * moments[zero]
         return moments
 
 
@@ -144,39 +197,113 @@ def combine(part: Mapping[Key, Any], sums: Sums, alpha: MultiIndex) -> Any:
     return sum(c * sums[delta, add(alpha, gamma)] for (delta, gamma), c in part.items())
 
 
-def _reproducing(
-    sums: Sums, dim: int, degree: int, axis: int | None, solve: Solver
-) -> dict[Key, Any]:
-    """Coefficients of the RKPM kernel W Σ_j c_j s^{α_j}, or of its exact derivative along `axis`.
+def _weighted(parts: Iterable[tuple[Any, Mapping[Key, Any]]]) -> dict[Key, Any]:
+    """Σ factor · part."""
+    result: dict[Key, Any] = {}
+    for factor, part in parts:
+        for key, c in part.items():
+            result[key] = result.get(key, 0) + factor * c
+    return result
 
-    The moment matrix P_jk = m[0, α_j + α_k] gives P c = e₀. With respect to the evaluation point,
-    ∂ᵢ(s^α W) = −αᵢ s^{α−eᵢ} W − s^α ∂ᵢW (in units of 1/h), and P ∂ᵢc = −(∂ᵢP) c.
+
+def _renormalised(
+    parts: Sequence[Mapping[Key, Any]], sums: Sums, dim: int, solve: Solver
+) -> list[dict[Key, Any]]:
+    """The gradient times the inverse of its own first moments."""
+    axes = range(dim)
+    slopes = [[combine(part, sums, unit(dim, j)) for j in axes] for part in parts]
+    inverse = solve(slopes, [[int(i == j) for j in axes] for i in axes])
+    return [_weighted(zip(row, parts, strict=True)) for row in inverse]
+
+
+def _fatehi_manzari(sums: Sums, dim: int, solve: Solver) -> dict[Key, Any]:
+    """Σ_p B_p · 2 Σ_b [A_b − A_a − s·⟨∇A⟩] s^p (−Ŵ′/q³) V over the pairs p = e_j + e_k, ⟨∇A⟩ from
+    CSPH, and B such that Σ_p B_p L_p[s^{e_m + e_n}] is the Laplacian of s^{e_m + e_n}."""
+    zero = unit(dim, 0, 0)
+    axes = range(dim)
+    pairs = [mu for mu in multi_indices(dim, 2) if sum(mu) == 2]
+    gradient = _renormalised([{(unit(dim, i), zero): 1} for i in axes], sums, dim, solve)
+    rows = [
+        _weighted(
+            [
+                (2, {(FATEHI_MANZARI, p): 1}),
+                *((-2 * sums[FATEHI_MANZARI, add(p, unit(dim, i))], gradient[i]) for i in axes),
+            ]
+        )
+        for p in pairs
+    ]
+    matrix = [[combine(row, sums, p) for row in rows] for p in pairs]
+    factors = solve(matrix, [[2 * int(max(p) == 2)] for p in pairs])
+    return _weighted((b, row) for (b,), row in zip(factors, rows, strict=True))
+
+
+def _reproducing(
+    sums: Sums, dim: int, degree: int, targets: Sequence[MultiIndex], solve: Solver
+) -> list[dict[Key, Any]]:
+    """Exact derivatives ∂^μ of the RKPM kernel Σ_j c_j s^{α_j} W, μ in targets, with respect to the
+    point of evaluation (in units of 1/h).
+
+    The moment matrix P_jk = m[0, α_j + α_k] gives P c = e₀; its derivatives are base sums again, so
+    P ∂^ν c = −Σ_{0<τ≤ν} C(ν, τ) (∂^τ P) ∂^{ν−τ} c.
     """
     zero = unit(dim, 0, 0)
     basis = list(multi_indices(dim, degree))
     matrix = [[sums[zero, add(a, b)] for b in basis] for a in basis]
-    c = [row[0] for row in solve(matrix, [[int(a == zero)] for a in basis])]
-    if axis is None:
-        return {(zero, a): c_a for a, c_a in zip(basis, c, strict=True)}
-    e = unit(dim, axis)
+    c = {zero: [row[0] for row in solve(matrix, [[int(a == zero)] for a in basis])]}
+    lower = dict.fromkeys(nu for mu in targets for nu in _below(mu))
+    for order in range(1, 1 + max(sum(mu) for mu in targets)):
+        level = [nu for nu in lower if sum(nu) == order]
+        columns = [
+            [
+                -sum(
+                    _binomial(nu, tau) * _slope(sums, tau, add(a, b)) * x
+                    for tau in _below(nu)
+                    if tau != zero
+                    for b, x in zip(basis, c[_minus(nu, tau)], strict=True)
+                )
+                for nu in level
+            ]
+            for a in basis
+        ]
+        solved = solve(matrix, columns)
+        c |= {nu: [row[i] for row in solved] for i, nu in enumerate(level)}
+    return [
+        _weighted(
+            (_binomial(mu, nu) * x, _derived(nu, a))
+            for nu in _below(mu)
+            for a, x in zip(basis, c[_minus(mu, nu)], strict=True)
+        )
+        for mu in targets
+    ]
 
-    def slope(alpha: MultiIndex) -> Any:
-        lower = alpha[axis] * sums[zero, _lowered(alpha, axis)] if alpha[axis] else 0
-        return sums[e, alpha] - lower
 
-    right = [[-sum(slope(add(a, b)) * x for b, x in zip(basis, c, strict=True))] for a in basis]
-    dc = [row[0] for row in solve(matrix, right)]
-    part: dict[Key, Any] = {(e, a): c_a for a, c_a in zip(basis, c, strict=True)}
-    for a, c_a, dc_a in zip(basis, c, dc, strict=True):
-        part[zero, a] = part.get((zero, a), 0) + dc_a
-        if a[axis]:
-            lower = zero, _lowered(a, axis)
-            part[lower] = part.get(lower, 0) - a[axis] * c_a
-    return part
+def _derived(nu: MultiIndex, alpha: MultiIndex) -> dict[Key, int]:
+    """∂^ν of s^α Ŵ(s) with respect to the point of evaluation, in the terms of base sums."""
+    return {
+        (_minus(nu, k), _minus(alpha, k)): (-1) ** sum(k)
+        * _binomial(nu, k)
+        * prod(perm(a, n) for a, n in zip(alpha, k, strict=True))
+        for k in _below(nu)
+        if all(n <= a for n, a in zip(k, alpha, strict=True))
+    }
 
 
-def _lowered(alpha: MultiIndex, axis: int) -> MultiIndex:
-    return tuple(n - (i == axis) for i, n in enumerate(alpha))
+def _slope(sums: Sums, nu: MultiIndex, alpha: MultiIndex) -> Any:
+    """∂^ν m[0, α] with respect to the point of evaluation."""
+    return sum(c * sums[key] for key, c in _derived(nu, alpha).items())
+
+
+def _below(mu: MultiIndex) -> list[MultiIndex]:
+    """All ν <= μ."""
+    return list(product(*(range(n + 1) for n in mu)))
+
+
+def _minus(a: MultiIndex, b: MultiIndex) -> MultiIndex:
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def _binomial(a: MultiIndex, b: MultiIndex) -> int:
+    return prod(comb(x, y) for x, y in zip(a, b, strict=True))
 
 
 def eliminate(matrix: Sequence[Sequence[Any]], columns: Sequence[Sequence[Any]]) -> list[list[Any]]:
