@@ -58,15 +58,23 @@ def rational(value: object, name: str = "value") -> Rational:
     if isinstance(value, float):
         simple = Fraction(value).limit_denominator(1000) if abs(value) < 1e9 else None
         hint = f'; a float is not exact: write "{simple}" or Fraction(...)' if simple else ""
-    shown = repr(value) if len(repr(value)) <= 60 else repr(value)[:57] + "..."
-    raise ValueError(f'{name}: got {shown}, expected a rational such as 3, "10/13" or "0.7"{hint}')
+    raise ValueError(
+        f'{name}: got {_shown(value)}, expected a rational such as 3, "10/13" or "0.7"{hint}'
+    )
+
+
+def count(value: object, name: str) -> int:
+    """`value` if it is a whole number n >= 0; ValueError otherwise."""
+    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= 0:
+        return int(value)
+    raise ValueError(f"{name}: got {_shown(value)}, expected a whole number >= 0")
 
 
 def dimension(dim: object) -> int:
     """`dim` if it is 1, 2 or 3; ValueError otherwise."""
     if isinstance(dim, Integral) and not isinstance(dim, bool) and 1 <= int(dim) <= 3:
         return int(dim)
-    raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
+    raise ValueError(f"dim: got {_shown(dim)}, expected 1, 2 or 3")
 
 
 def polynomial(coefficients: Iterable[object], name: str = "coefficient") -> Poly:
@@ -117,10 +125,7 @@ class Kernel:
             raise ValueError(
                 f"pieces: got {len(pieces)} for {len(exact)} knots, expected {len(exact) - 1}"
             )
-        polynomials = [
-            p.set_domain(QQ) if isinstance(p, Poly) and p.gens == (q,) else polynomial(p, "pieces")
-            for p in pieces
-        ]
+        polynomials = [_piece(p) for p in pieces]
         while polynomials and polynomials[-1].is_zero:
             polynomials.pop()
             exact.pop()
@@ -135,6 +140,10 @@ class Kernel:
         object.__setattr__(self, "pieces", tuple(kept_pieces))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "source", source)
+
+    def __reduce__(self) -> tuple[type[Kernel], tuple[object, ...]]:
+        """A Poly forgets its domain in a pickle, so the coefficients are pickled."""
+        return Kernel, (self.knots, self.coefficients(), self.name, self.source)
 
     # -- exact ------------------------------------------------------------------------------------
 
@@ -163,7 +172,7 @@ class Kernel:
     def moment(self, n: int, dim: int = 1) -> Rational:
         """Kernel moment ∫ |s|ⁿ Ŵ d^d s, in units of hⁿ: exact and rational in every dimension."""
         dim = dimension(dim)
-        return self._radial(self.pieces, n + dim - 1) / self._mass(dim)
+        return self._radial(self.pieces, count(n, "n") + dim - 1) / self._mass(dim)
 
     def gradient_moment(self, n: int, dim: int = 1) -> Rational:
         """∫ |s|ⁿ⁻¹ s·∇Ŵ d^d s; in 1D this is ∫ sⁿ Ŵ′ ds for odd n (for even n that one is 0).
@@ -171,7 +180,7 @@ class Kernel:
         It is the integral of the classical derivative, which is what particles sum: for a
         continuous kernel −(n+d−1) ∫ |s|ⁿ⁻¹ Ŵ d^d s; a jump of w leaves the difference.
         """
-        dim = dimension(dim)
+        dim, n = dimension(dim), count(n, "n")
         if dim == 1 and n % 2 == 0:
             return Rational(0)
         return self._radial(self.derivative(), n + dim - 1) / self._mass(dim)
@@ -183,7 +192,7 @@ class Kernel:
         """
         at = jumps(self.knots, self.pieces, parity=1)
         sigma = self.normalisation(1)
-        if derivative >= len(at):
+        if count(derivative, "derivative") >= len(at):
             return dict.fromkeys(at[0], Rational(0))
         return {knot: sigma * jump for knot, jump in at[derivative].items()}
 
@@ -239,8 +248,6 @@ class Kernel:
 
     def _radial(self, pieces: Sequence[Poly], power: int) -> Rational:
         """∫₀^κ qⁿ f(q) dq for f piecewise polynomial on the knots."""
-        if power < 0:
-            raise ValueError(f"n: got a moment of negative power q^{power}, expected n >= 0")
         weight = Poly(q**power, q, domain=QQ)
         total = Rational(0)
         for a, b, piece in zip(self.knots, self.knots[1:], pieces, strict=False):
@@ -288,6 +295,19 @@ def _mass(kernel: Kernel, dim: int) -> Rational:
     return mass
 
 
+def _piece(piece: object) -> Poly:
+    """A piece of a kernel over QQ, from a Poly or from its coefficients."""
+    if isinstance(piece, Poly):
+        if piece.gens == (q,) and (piece.domain.is_QQ or piece.domain.is_ZZ):
+            return piece.set_domain(QQ)
+    elif isinstance(piece, Iterable) and not isinstance(piece, str | bytes):
+        return polynomial(piece, "pieces")
+    raise ValueError(
+        f"pieces: got {_shown(piece)}, expected rational coefficients, lowest degree first, or a"
+        " Poly in sphtrunc.kernel.q with such coefficients"
+    )
+
+
 def valuation(piece: Poly, point: Rational) -> int | float:
     """How often the polynomial vanishes at the point: 0 if it does not, inf for the zero one."""
     if piece.is_zero:
@@ -319,6 +339,11 @@ def jumps(
         at[knots[0]] = (1 + mirror) * right[0]
         result.append({**at, **dict(zip(knots[1:], right[1:], strict=True))})
     return result
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _listed(values: Sequence[object], most: int = 6) -> str:
