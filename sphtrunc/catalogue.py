@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb
+from re import fullmatch
 
 from sympy import QQ, Expr, Poly, Rational
 
@@ -109,10 +110,8 @@ def named(name: str) -> Kernel:
     family, colon, number = key.partition(":")
     if family in FAMILIES and colon:
         first, last = FAMILIES[family]
-        if len(number) <= 3 and number.lstrip("-").isascii() and number.lstrip("-").isdigit():
-            n = int(number)
-            if first <= n <= last:
-                return _b_spline(n) if family == "b-spline" else _polynomial(n)
+        if fullmatch("-?[0-9]{1,2}", number) and first <= (n := int(number)) <= last:
+            return _b_spline(n) if family == "b-spline" else _polynomial(n)
         raise ValueError(
             f"kernel: got {_short(name)}, expected {family}:N with N from {first} to {last}"
         )
