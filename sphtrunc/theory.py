@@ -19,7 +19,8 @@ from typing import Any
 
 from sympy import QQ, Expr, Poly, Rational, factorial, factorial2, floor, radsimp
 
-from sphtrunc.derivation import Derivation, Term, fraction, periodic_bernoulli, phased, simple
+from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
+from sphtrunc.derivation import Derivation, Term
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational
 from sphtrunc.moments import Moments, MultiIndex, unit
 from sphtrunc.operators import DERIVATIVES, FORMS, Key, Operator

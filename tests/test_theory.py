@@ -88,7 +88,7 @@ def has_neighbour(k: Kernel, ratio: Fraction, theta: Fraction) -> bool:
 
 @pytest.mark.parametrize("operator", ["value", "gradient"])
 @settings(max_examples=1000)
-@given(k=kernels(), ratio=ratios(), theta=offsets())
+@given(k=kernels(), ratio=ratios, theta=offsets)
 @example(k=HAT, ratio=Fraction(1, 3), theta=Fraction(0))
 @example(k=TOP_HAT, ratio=Fraction(1, 2), theta=Fraction(0))
 @example(k=TOP_HAT, ratio=Fraction(4, 3), theta=Fraction(1, 2))
