@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 from sympy import Expr, Poly, Rational, latex
 
@@ -37,6 +38,19 @@ class Term:
     coefficient: Rational
 
 
+class Orders(NamedTuple):
+    """Orders of an error.
+
+    smoothing: power of h of the leading smoothing error (0: it does not vanish with h)
+    generic, aligned: power of Δx/h of the leading discretisation error, at a generic ratio and at
+        Δx/h = 2κ/n, n odd (None: there is none, or it was not derived)
+    """
+
+    smoothing: int
+    generic: int | None
+    aligned: int | None
+
+
 @dataclass(frozen=True)
 class Derivation:
     """The derived truncation error of one kernel and one operator.
@@ -44,9 +58,7 @@ class Derivation:
     limit: moments for Δx/h → 0; their error is the smoothing error
     terms: the discretisation error of the base sums in 1D, each exact
     discrete: the moments at the given Δx/h and offset θ (None without a ratio)
-    smoothing_order: power of h of the leading smoothing error (0: not consistent)
-    generic_order, aligned_order: power of Δx/h of the leading discretisation error, at a generic
-        ratio and at Δx/h = 2κ/n, n odd (None: there is none, or it was not derived)
+    find_orders: derives `orders` when they are first asked for
     """
 
     kernel: Kernel
@@ -58,9 +70,12 @@ class Derivation:
     dx_over_h: Expr | None
     offset: Rational
     discrete: Moments | None
-    smoothing_order: int
-    generic_order: int | None
-    aligned_order: int | None
+    find_orders: Callable[[], Orders] = field(repr=False, compare=False)
+
+    @cached_property
+    def orders(self) -> Orders:
+        """The orders of the error, read off exact coefficients."""
+        return self.find_orders()
 
     @property
     def smoothing_error(self) -> list[tuple[int, int, Rational]]:
@@ -95,9 +110,9 @@ class Derivation:
         kernel, dim = self.kernel, self.dim
         sigma = kernel.normalisation(dim)
         orders = {
-            "smoothing": self.smoothing_order,
-            "discretisation_generic": self.generic_order,
-            "discretisation_aligned": self.aligned_order,
+            "smoothing": self.orders.smoothing,
+            "discretisation_generic": self.orders.generic,
+            "discretisation_aligned": self.orders.aligned,
         }
         result: dict[str, Any] = {
             "schema": "sphtrunc.derive/1",
@@ -221,15 +236,15 @@ class Derivation:
         terms.append("+ …")
         head = f"Smoothing error of the {_title(self.operator)}, {self.dim}D: "
         head += (
-            f"order h{_power(self.smoothing_order)}"
-            if self.smoothing_order
+            f"order h{_power(self.orders.smoothing)}"
+            if self.orders.smoothing
             else "it does not vanish with h"
         )
         return "\n".join([head, *_wrapped(terms, f"  {name} = ", " ")])
 
     def _discretisation_text(self) -> str:
         operator = self.operator
-        generic, aligned = self.generic_order, self.aligned_order
+        generic, aligned = self.orders.generic, self.orders.aligned
         kappa = 2 * self.kernel.support
         lines = ["Discretisation error of uniform particles, exact at every ratio"]
         if not self._own_terms:

@@ -13,14 +13,14 @@ mean of both sides, B̃_1(integer) = 0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from math import lcm, prod
 from typing import Any
 
 from sympy import QQ, Expr, Poly, Rational, factorial, factorial2, floor, radsimp
 
 from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
-from sphtrunc.derivation import Derivation, Term
+from sphtrunc.derivation import Derivation, Orders, Term
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational
 from sphtrunc.moments import Moments, MultiIndex, unit
 from sphtrunc.operators import DERIVATIVES, FORMS, Key, Operator
@@ -95,8 +95,7 @@ def derive(
         dx_over_h=ratio,
         offset=theta,
         discrete=discrete,
-        smoothing_order=_smoothing_order(kernel, operator, dim),
-        **_discretisation_orders(kernel, operator, continuous, terms, degree, theta),
+        find_orders=partial(_orders, kernel, operator, dim, degree, theta),
     )
 
 
@@ -245,21 +244,17 @@ def _response(
     return result
 
 
-def _discretisation_orders(
-    kernel: Kernel,
-    operator: Operator,
-    continuous: Mapping[Key, Any],
-    terms: Iterable[Term],
-    degree: int,
-    theta: Rational,
-) -> dict[str, int | None]:
-    """The powers of Δx/h of the first discretisation error, at generic and at aligned ratios.
+def _orders(kernel: Kernel, operator: Operator, dim: int, degree: int, theta: Rational) -> Orders:
+    """Smoothing order, and the discretisation orders at generic and at aligned ratios.
 
-    To first order in the base sums, which decides for every power below twice the first one.
+    The latter to first order in the base sums, which decides for every power below twice the first.
     """
-    terms = tuple(terms)
+    smoothing = _smoothing_order(kernel, operator, dim)
+    needed = operator.needed(dim, degree)
+    terms = _terms(kernel, needed) if dim == 1 else ()
     if not terms:
-        return {"generic_order": None, "aligned_order": None}
+        return Orders(smoothing, None, None)
+    continuous = {key: continuous_sum(kernel, *key) for key in needed}
     response = _response(operator, continuous, degree)
     powers = sorted({t.dx_power for t in terms})
     horizon = powers[-1] + 1 if _is_linear(operator) else 2 * powers[0]
@@ -275,7 +270,7 @@ def _discretisation_orders(
         if any(_survives_alignment(row, n, theta, kernel.support) for row in rows):
             aligned = n
             break
-    return {"generic_order": generic, "aligned_order": aligned}
+    return Orders(smoothing, generic, aligned)
 
 
 def _is_linear(operator: Operator) -> bool:
