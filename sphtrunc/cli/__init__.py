@@ -13,6 +13,7 @@ from sphtrunc import __version__
 COMMANDS = {
     "derive": "The truncation error of a kernel, exactly.",
     "kernels": "The catalogue of kernels and their constants.",
+    "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
 }
 
 
