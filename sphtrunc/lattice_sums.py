@@ -14,20 +14,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import cache, lru_cache
-from itertools import pairwise
 from math import lcm, prod
 from typing import TYPE_CHECKING, Any
 
-from sympy import Expr, Rational
+from sympy import Rational
 
-from sphtrunc.moments import MultiIndex, add, unit
+from sphtrunc.kernel import Kernel
+from sphtrunc.moments import MultiIndex, add
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key
 
 if TYPE_CHECKING:
     import numpy as np
 
     from sphtrunc.gaussian import Gaussian
-    from sphtrunc.kernel import Kernel
 
 Laurent = dict[int, Fraction]  # power of q -> coefficient
 
@@ -97,15 +96,15 @@ def lattice_sums(
     keys = list(keys)
     shells = _shells(kind, dx_over_h, tuple(offset), _support(kernel))
     dim = len(offset)
-    rational = shells.rational and exact and hasattr(kernel, "pieces")
+    rational = shells.rational and exact and isinstance(kernel, Kernel)
     names = {name for key in keys for _, _, name in parts(key)}
-    radial = {name: _radial(kernel, name, shells.squares, rational) for name in names}
+    radial = {name: _radial(kernel, name, shells.squares, rational, dim) for name in names}
     ctx = real_context()
     sigma = kernel.normalisation(dim)
     scale: Any = sigma
     if not all(values is not None for values in radial.values()):
         rational = False
-        radial = {name: _radial(kernel, name, shells.squares, False) for name in names}
+        radial = {name: _radial(kernel, name, shells.squares, False, dim) for name in names}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
     volume = dx_over_h**dim
@@ -122,9 +121,11 @@ def lattice_sums(
             return Fraction(steps) * sum(
                 (Fraction(n) * v for n, v in zip(counts, values, strict=True) if n), Fraction(0)
             )
-        return ctx.fdot(
-            (n, v) for n, v in zip(counts, values, strict=True) if n
-        ) * ctx.mpf(steps.numerator) / steps.denominator
+        return (
+            ctx.fdot((n, v) for n, v in zip(counts, values, strict=True) if n)
+            * ctx.mpf(steps.numerator)
+            / steps.denominator
+        )
 
     result: dict[Key, Any] = {}
     for key in keys:
@@ -161,7 +162,7 @@ class _Shells:
             shift = [int(o / u * bottom) for o, u in zip(offset, unit_lengths, strict=True)]
             x = m * bottom + np.array(shift, dtype=np.int64)[:, None]
             self.step = tuple(u / bottom for u in unit_lengths)
-            weight = _metric(roots)
+            weight = metric(roots)
         else:
             self.step = (Fraction(1, 1 << _FINE),) * dim
             x = np.array(
@@ -176,7 +177,7 @@ class _Shells:
         scale = (self.step[0] * ratio) ** 2 / weight[0]
         self.at_origin = bool(np.any(length == 0))
         order = np.argsort(length, kind="stable")
-        order = order[[0 < length[i] and length[i] * scale <= support**2 for i in order]]
+        order = order[[length[i] > 0 and length[i] * scale <= support**2 for i in order]]
         self.x = x[:, order]
         sorted_lengths = [int(v) for v in length[order]]
         starts = [i for i, v in enumerate(sorted_lengths) if i == 0 or v != sorted_lengths[i - 1]]
@@ -213,15 +214,13 @@ class _Shells:
 
 
 @lru_cache(maxsize=64)
-def _shells(
-    kind: str, ratio: Fraction, offset: tuple[Fraction, ...], support: Fraction
-) -> _Shells:
+def _shells(kind: str, ratio: Fraction, offset: tuple[Fraction, ...], support: Fraction) -> _Shells:
     return _Shells(kind, ratio, offset, support)
 
 
-def _metric(roots: Sequence[tuple[int, int, int]]) -> tuple[int, ...]:
+def metric(roots: Sequence[tuple[int, int, int]]) -> tuple[int, ...]:
     """Integers in the ratio of the squared units, which are (p/q)^(2/n)."""
-    p0, q0, n0 = roots[0]
+    p0, q0, _ = roots[0]
     ratios = []
     for p, q, n in roots:
         square = Fraction(p * q0, q * p0)  # (u_i/u_0)^n
@@ -236,7 +235,7 @@ def _metric(roots: Sequence[tuple[int, int, int]]) -> tuple[int, ...]:
 
 def _root(value: int, n: int) -> int:
     """The whole n-th root of a whole number that has one."""
-    root = round(value ** (1 / n))
+    root: int = round(value ** (1 / n))
     if root**n != value:
         raise ValueError("lattice: the ratios of its squared units are not rational")
     return root
@@ -247,21 +246,21 @@ def _support(kernel: Kernel | Gaussian) -> Fraction:
 
 
 def _radial(
-    kernel: Kernel | Gaussian, name: str, squares: Sequence[Fraction], rational: bool
+    kernel: Kernel | Gaussian, name: str, squares: Sequence[Fraction], rational: bool, dim: int
 ) -> list[Any] | None:
     """f(q) on every shell, without σ_d; None where rational ones are wanted and there are none.
 
     At a knot the mean of both sides.
     """
     ctx = real_context()
-    if not hasattr(kernel, "pieces"):
-        return [kernel.radial_mp(ctx, name, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator))
+    if not isinstance(kernel, Kernel):
+        return [kernel.radial_mp(ctx, name, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator), dim)
                 for s in squares]  # fmt: skip
     knots = [Fraction(int(k.p), int(k.q)) for k in kernel.knots]
     pieces = [*laurent(kernel, name), {}]
     result: list[Any] = []
     for square in squares:
-        i = next(i for i, (_, b) in enumerate(pairwise([*knots, None])) if b is None or square <= b**2)
+        i = sum(square > k**2 for k in knots[1:])
         sides = [pieces[i]]
         if i < len(knots) - 1 and square == knots[i + 1] ** 2:
             sides.append(pieces[i + 1])
@@ -307,7 +306,7 @@ def _at_origin(
         return 0
     ctx = real_context()
     second = sum(term) == 2
-    if hasattr(kernel, "pieces"):
+    if isinstance(kernel, Kernel):
         piece = laurent(kernel, "w1" if second else "w")[0]
         if second and min(piece, default=0) < 0:
             raise ValueError(
@@ -316,13 +315,5 @@ def _at_origin(
             )
         value: Any = piece.get(0, Fraction(0)) * volume
         return value if rational else ctx.mpf(value.numerator) / value.denominator
-    value = kernel.radial_mp(ctx, "w1" if second else "w", ctx.zero)
+    value = kernel.radial_mp(ctx, "w1" if second else "w", ctx.zero, len(alpha))
     return value * volume.numerator / volume.denominator
-
-
-def exact_zero(value: Any) -> bool:
-    """Whether a sum is zero by symmetry, and was not summed."""
-    return isinstance(value, (int, Expr)) and value == 0
-
-
-__all__ = ["DIGITS", "Laurent", "lattice_sums", "laurent", "parts", "real_context", "unit"]

@@ -9,8 +9,8 @@ because every Cartesian derivative of a radial function is a polynomial in k tim
 
 Three ways to a value, none of which cancels where it is used:
 - the power series Φ_m = Σ_n (−k²)^n … R_{2(n+m)} of exact kernel moments for kκ ≤ 1;
-- in 1D and 3D, for large k, the closed form: integration by parts turns the transform of a piecewise
-  polynomial into its jumps, Σ_{p,a} c_{pa} k^{−a} Re(i^a e^{ikp}) with rational c_{pa} (knots p);
+- in 1D and 3D, for large k, the closed form: integration by parts turns the transform into the
+  jumps of the kernel, Σ_{p,a} c_{pa} k^{−a} Re(i^a e^{ikp}) with rational c_{pa} and knots p;
 - between them, and in 2D (where it is a Bessel integral), Gauss–Legendre quadrature between knots.
 """
 
@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from itertools import pairwise
 from math import factorial, gamma, pi, prod
 from typing import TYPE_CHECKING, Any
 
@@ -99,7 +100,7 @@ def radial(kernel: Kernel | Gaussian, k: ArrayLike, dim: int, m: int = 0) -> NDA
     for c in reversed(_series(kernel, dim, m)):
         value = value * u + c
     result[small] = value
-    if large.any():
+    if isinstance(kernel, Kernel) and large.any():
         result[large] = _closed(kernel, flat[large], dim, m)
     between = ~(small | large)
     if between.any():
@@ -107,7 +108,9 @@ def radial(kernel: Kernel | Gaussian, k: ArrayLike, dim: int, m: int = 0) -> NDA
     return result.reshape(points.shape)
 
 
-def transform_mp(kernel: Kernel, k: object, dim: int = 1, derivative: int = 0, digits: int = 30) -> Any:
+def transform_mp(
+    kernel: Kernel, k: object, dim: int = 1, derivative: int = 0, digits: int = 30
+) -> Any:
     """F(k), F′(k) or F″(k) as an mpmath number, right to `digits` digits relative to F(0).
 
     The same power series as at small k, with as many more digits as it cancels.
@@ -130,14 +133,18 @@ def transform_mp(kernel: Kernel, k: object, dim: int = 1, derivative: int = 0, d
             total += falling * r * ladder
             ladder *= -u / (2 * (n + 1) * (dim + 2 * n))
         if derivative:
-            total = total / mp.mpf(k) ** derivative if k else -_mp(kernel.moment(2, dim)) / dim * (derivative == 2)
+            total = (
+                total / mp.mpf(k) ** derivative
+                if k
+                else -_mp(kernel.moment(2, dim)) / dim * (derivative == 2)
+            )
     with mp.workdps(digits):
         return +total
 
 
 def _moments_mp(kernel: Kernel, dim: int) -> Iterator[Any]:
     """∫ |s|^{2n} Ŵ, n = 0, 1, …, in the present precision of mpmath."""
-    mass = _mp(kernel.moment(0, dim)) / _mp(kernel._mass(dim))  # noqa: SLF001
+    mass = _mp(kernel.moment(0, dim)) / _mp(kernel._mass(dim))
     rows = [
         [sign * _mp(c) * _mp(end) ** (j + dim), j + dim, _mp(end) ** 2]
         for a, b, piece in zip(kernel.knots, kernel.knots[1:], kernel.coefficients(), strict=False)
@@ -288,7 +295,7 @@ def _nodes(kernel: Kernel | Gaussian, dim: int, m: int, k: float) -> tuple[Float
     t, weight = np.polynomial.legendre.leggauss(26 + (degree + dim + 2 * m) // 2)
     knots = [float(x) for x in kernel.knots]
     nodes, weights = [], []
-    for a, b in zip(knots, knots[1:], strict=False):
+    for a, b in pairwise(knots):
         count = max(1, int(np.ceil(k * (b - a) / (2 * _PHASE))))
         edges = np.linspace(a, b, count + 1)
         half = np.diff(edges) / 2
