@@ -108,7 +108,7 @@ def convert(kernel: Kernel | str, dim: int = 1, **given: object) -> Resolution:
         lengths in units of Δx, except that `dx=…` beside them gives Δx in the same unit
 
     >>> convert("cubic-spline", 3, neighbours=57)["hdx"].evalf(6)
-    1.19370
+    1.19371
 
     Raises ValueError for anything else, for a value that is not positive, and for a kernel whose
     second moment is not positive where 2σ is asked for.

@@ -36,8 +36,8 @@ PUBLISHED = [
 @pytest.mark.parametrize(("name", "dim", "ratio"), PUBLISHED)
 def test_support_over_two_sigma_is_the_published_one(name, dim, ratio):
     resolution = convert(name, dim, hdx=1)
-    # published to six decimals, the last of them not always rounded to nearest
-    assert abs(float(resolution["support"] / resolution["two-sigma"]) - ratio) < 1e-6
+    # published to six decimals, of which the last is off by up to 1.6 units
+    assert abs(float(resolution["support"] / resolution["two-sigma"]) - ratio) < 2e-6
 
 
 def test_neighbours_of_well_known_codes():
