@@ -89,7 +89,7 @@ class Plain:
         return np.where(where, 0.0, x)
 
     def solve(self, matrix: Any, columns: Any, health: Health) -> Any:
-        """The linear systems of all targets; those of singular ones are solved as if they were 1."""
+        """The systems of all targets; where one is singular, something finite."""
         a, b = _stacked(matrix), _stacked(columns)
         return _rows(_Scaled(a, health).solve(b))
 

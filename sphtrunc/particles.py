@@ -225,7 +225,6 @@ class Particles:
         v = self.given if self.given is not None else self._cells()
         volume = fractions(v[near]) / fractions(h[None])[0] ** self.dim
         inside = (offset * offset).sum(axis=0) <= _fraction(kernel.support) ** 2
-        self._trees["exact"] = near[inside]
         return offset[:, inside], volume[inside]
 
 

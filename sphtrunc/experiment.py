@@ -1,0 +1,613 @@
+"""Experiment: evaluate the discrete sums themselves, on any particles, and take statistics.
+
+The sums are written once, in `estimate`, for every arithmetic: floats, floats with a bound, pairs
+of floats, 60 digits. Neighbours run along axis 0, targets along axis 1, a block of targets at a
+time, so that memory is bounded and no result depends on the size of the blocks.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from sphtrunc.arithmetic import PRECISIONS, SLACK, Ball, Health, Pair, arithmetic
+from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
+from sphtrunc.kernel import Kernel
+from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
+from sphtrunc.moments import MultiIndex, add, multi_indices, unit
+from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator, combine
+from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, sample
+from sphtrunc.summation import Array
+
+CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
+FIRST, MOST = 2048, 1 << 20  # targets of the first batch, and at most, when rtol decides
+
+
+# ------------------------------------------------------------------------------- one block of sums
+
+
+def estimate(
+    number: Any,
+    s: list[Any],
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    degree: int | None,
+    fields: list[Any],
+    health: Health,
+    stretch: Any = None,
+    density: Any = None,
+) -> tuple[list[Any], dict[MultiIndex, Any]]:
+    """Components of the estimate, and moments up to `degree`, in the arithmetic `number`.
+
+    s: offsets along each axis, (N, T); volume: V/h^d; fields: samples, one for a scalar, d for a
+    vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
+    """
+    dim = len(s)
+    q = number.sqrt(sum(s_i * s_i for s_i in s))
+    terms = _terms(number, s, q, volume, kernel, operator, stretch)
+    zero = unit(dim, 0, 0)
+    monomials: dict[MultiIndex, Any] = {}
+
+    def monomial(alpha: MultiIndex) -> Any:
+        if alpha not in monomials:
+            axis = next(i for i, n in enumerate(alpha) if n)
+            lower = tuple(n - (i == axis) for i, n in enumerate(alpha))
+            monomials[alpha] = monomial(lower) * s[axis] if any(lower) else s[axis]
+        return monomials[alpha]
+
+    def weighted(key: Key, factor: Any = None) -> Any:
+        """Σ_b s^α (term)_b factor_b."""
+        term, alpha = key
+        weight = terms[term]
+        if any(alpha):
+            weight = weight * monomial(alpha)
+        return number.total(weight) if factor is None else number.dot(weight, factor)
+
+    sums: dict[Key, Any] = {}
+    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
+    if not plain:
+        sums = {key: weighted(key) for key in operator.needed(dim, 0)}
+    parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
+    moments: dict[MultiIndex, Any] = {}
+    if degree is not None:
+        factor = density if operator.form == "symmetric" else None
+        for alpha in multi_indices(dim, degree):
+            for term, gamma in parts[0]:
+                key = term, add(alpha, gamma)
+                if key not in sums:
+                    sums[key] = weighted(key, factor)
+            moments[alpha] = combine(parts[0], sums, alpha)
+        if operator.uses_difference:
+            moments[zero] = number.number(np.full(_targets(s), float(operator.derivatives == 0)))
+        elif operator.form == "symmetric":
+            if factor is None:
+                moments[zero] = 2 * moments[zero]
+            else:
+                back = number.ratio(number.number(np.ones(1)), density)
+                moments[zero] = moments[zero] + weighted((unit(dim, 0), zero), back)
+    found = []
+    for one in fields:
+        seen = one.difference
+        if operator.form == "symmetric":
+            seen = _symmetric(number, one, density)
+        elif not operator.uses_difference:
+            seen = one.difference + one.own
+        keys = dict.fromkeys(key for part in parts for key in part)
+        at = {key: weighted(key, seen) for key in keys}
+        found.append([sum(c * at[key] for key, c in part.items()) for part in parts])
+    return _contracted(operator, found, fields, dim), moments
+
+
+def _targets(s: list[Any]) -> tuple[int, ...]:
+    shape = (s[0].middle if isinstance(s[0], Ball) else getattr(s[0], "high", s[0])).shape
+    return tuple(shape[1:])
+
+
+def _terms(
+    number: Any,
+    s: list[Any],
+    q: Any,
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    stretch: Any,
+) -> dict[Any, Any]:
+    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
+    dim = len(s)
+    needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
+    argument = q if stretch is None else q * number.number(stretch)
+    weight = volume
+    if stretch is not None:
+        for _ in range(dim):
+            weight = weight * number.number(stretch)
+    terms: dict[Any, Any] = {}
+    order = max(1 if isinstance(term, str) else sum(term) for term in needed)
+    slope: Any = None
+    axes: list[Any] = []
+    if order:
+        slope = -kernel_term(number, kernel, argument, 1, dim, weight, stretch)
+        axes = [_within_one(number.ratio(s_i, q)) for s_i in s]
+    for term in needed:
+        if term in (BROOKSHAW, FATEHI_MANZARI):
+            terms[term] = number.ratio(slope, q)
+            if term == FATEHI_MANZARI:
+                terms[term] = number.ratio(terms[term], q * q)
+        elif sum(term) == 0:
+            terms[term] = kernel_term(number, kernel, argument, 0, dim, weight, stretch)
+        elif sum(term) == 1:
+            terms[term] = slope * axes[term.index(1)]
+        else:
+            terms[term] = _second(number, q, slope, axes, term, kernel, argument, weight, stretch)
+    return terms
+
+
+def kernel_term(
+    number: Any, kernel: Kernel, q: Any, derivative: int, dim: int, weight: Any, stretch: Any
+) -> Any:
+    """V Ŵ^(k)(q), with the powers of h_a/h_ab that belong to it."""
+    value = number.kernel(kernel, q, derivative, dim) * weight
+    if stretch is not None:
+        for _ in range(derivative):
+            value = value * number.number(stretch)
+    return value
+
+
+def _within_one(e: Any) -> Any:
+    """Components of a unit vector: whatever the error, they are off by 2 at most."""
+    return Ball(e.middle, np.minimum(e.radius, 2.0)) if isinstance(e, Ball) else e
+
+
+def _second(
+    number: Any,
+    q: Any,
+    slope: Any,
+    axes: list[Any],
+    term: MultiIndex,
+    kernel: Kernel,
+    argument: Any,
+    weight: Any,
+    stretch: Any,
+) -> Any:
+    """V ∂ᵢ∂ⱼŴ = V [Ŵ″ eᵢeⱼ + (Ŵ′/q)(δᵢⱼ − eᵢeⱼ)]; at the target itself δᵢⱼ Ŵ″(0)."""
+    dim = len(axes)
+    curvature = kernel_term(number, kernel, argument, 2, dim, weight, stretch)
+    i, *rest = (k for k, n in enumerate(term) for _ in range(n))
+    j = rest[0]
+    if dim == 1:
+        return curvature
+    both = axes[i] * axes[j]
+    around = number.ratio(slope, q)  # −V Ŵ′/q
+    at_target = _zero(q)
+    result = curvature * both - around * (float(i == j) - both)
+    if not np.any(at_target):
+        return result
+    if i == j and kernel.pieces[0].diff().eval(0) != 0:
+        raise ValueError(
+            f"form: the second derivatives of {kernel.name} do not exist at the particle itself in"
+            f" {dim}D; expected the form difference or brookshaw"
+        )
+    own = curvature if i == j else 0 * curvature
+    return number.drop(result, at_target) + number.drop(own, ~at_target)
+
+
+def _zero(q: Any) -> Any:
+    """Where q is exactly 0."""
+    if isinstance(q, Ball):
+        return (q.middle == 0.0) & (q.radius == 0.0)
+    return (q.high if isinstance(q, Pair) else q) == 0
+
+
+def _symmetric(number: Any, one: Any, density: Any) -> Any:
+    """A_b ρ_a/ρ_b + A_a ρ_b/ρ_a."""
+    if density is None:
+        return one.difference + one.own + one.own
+    back = number.ratio(number.number(np.ones(1)), density)
+    return (one.difference + one.own) * density + one.own * back
+
+
+def _contracted(
+    operator: Operator, found: list[list[Any]], fields: list[Any], dim: int
+) -> list[Any]:
+    """Components of the operator from estimates [field component][derivative component]."""
+    if not fields:
+        return []
+    if operator.name == "divergence":
+        return [sum((found[i][i] for i in range(1, dim)), found[0][0])]
+    if operator.name == "curl":
+        if dim == 2:
+            return [found[1][0] - found[0][1]]
+        return [found[(i + 2) % 3][(i + 1) % 3] - found[(i + 1) % 3][(i + 2) % 3] for i in range(3)]
+    parts = list(found[0])
+    if operator.name == "value" and operator.form == "difference":
+        return [parts[0] + fields[0].own]
+    return parts
+
+
+def _exact_derivatives(operator: Operator, fields: list[Any], dim: int) -> list[Any] | None:
+    """What the components of the estimate stand for, from the samples."""
+    if any(one.derivatives is None for one in fields):
+        return None
+    rows = Operator("gradient").components(dim) if operator.derivatives == 1 else []
+    rows = rows or operator.components(dim)
+    try:
+        found = [
+            [sum((one.derivatives[mu] for mu in row[1:]), one.derivatives[row[0]]) for row in rows]
+            for one in fields
+        ]
+    except KeyError:
+        return None
+    return _contracted(Operator(operator.name), found, fields, dim) if found else None
+
+
+# ------------------------------------------------------------------------------- blocks of targets
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be measured, fixed for all blocks."""
+
+    scene: Scene
+    kernel: Kernel
+    operator: Operator
+    fields: tuple[Field, ...]
+    degree: int | None
+    seed: int
+    precision: str
+    bound: bool
+
+    def run(self, target: Indices) -> Block:
+        """Measure these targets."""
+        number = arithmetic(self.precision, self.bound)
+        if self.precision == "exact":
+            return _exactly(self, target)
+        block = self.scene.neighbourhood(
+            target, self.kernel, extended=self.precision == "extended", errors=self.bound
+        )
+        if self.bound and (block.offset_error is None or block.volume_error is None):
+            raise ValueError("bound: summation volumes carry no bound; expected constant or cell")
+        s = [
+            number.number(x, _axis(block.offset_low, i), _axis(block.offset_error, i))
+            for i, x in enumerate(block.offset)
+        ]
+        volume = number.number(block.volume, block.volume_low, block.volume_error)
+        owns = [one.own(target, self.seed, i) for i, one in enumerate(self.fields)]
+        if isinstance(self.scene, Lattice) and _is_wave(self.fields):
+            owns = [(np.array([0.0, 1.0]), np.array([1.0, 0.0]))] * len(self.fields)
+        return self._sum(number, block, s, volume, owns, target)
+
+    def _sum(
+        self,
+        number: Any,
+        block: Neighbourhood,
+        s: list[Any],
+        volume: Any,
+        owns: list[Any],
+        target: Indices,
+    ) -> Block:
+        samples = [
+            one.at(number, block, s, own) for one, own in zip(self.fields, owns, strict=True)
+        ]
+        health = Health()
+        parts, moments = estimate(
+            number,
+            s,
+            volume,
+            self.kernel,
+            self.operator,
+            self.degree,
+            samples,
+            health,
+            block.stretch,
+            self._density(number, block, volume),
+        )
+        truth = _exact_derivatives(self.operator, samples, len(s)) if samples else None
+        errors = None
+        if truth is not None:
+            errors = [p - t for p, t in zip(parts, truth, strict=True)]
+        distance = np.sqrt(sum(x * x for x in block.offset))
+        if block.stretch is not None:
+            distance = distance * block.stretch
+        inside = distance <= float(self.kernel.support)
+        if block.particle is not None:
+            inside &= block.particle >= 0
+        away = (inside & (distance > 0.0)).sum(axis=0)
+        return Block(
+            target=target,
+            estimates=_values(number, parts),
+            errors=None if errors is None else _values(number, errors),
+            moments={a: _wide(number.value(m), target.size) for a, m in moments.items()},
+            estimate_bound=_radii(errors or parts) if self.bound and parts else None,
+            moment_bound={a: _wide(_radius(m), target.size) for a, m in moments.items()}
+            if self.bound
+            else None,
+            pairs=inside.sum(axis=0),
+            neighbours=away,
+            condition=_wide(np.asarray(health.condition), target.size),
+        )
+
+    def _density(self, number: Any, block: Neighbourhood, volume: Any) -> Any:
+        """ρ_a/ρ_b = (m_a V_b)/(m_b V_a), None where it is 1 throughout."""
+        if self.operator.form != "symmetric" or (
+            block.volume.shape == (1, 1) and block.particle is None
+        ):
+            return None
+        if block.particle is None:
+            here = np.all(block.offset == 0.0, axis=0)
+        else:
+            here = block.particle == block.target
+        if not np.all(here.any(axis=0)):
+            raise ValueError("form: symmetric needs targets that are particles; expected offset 0")
+        here &= np.cumsum(here, axis=0) == 1
+        wide = np.broadcast_to(np.ones(1), here.shape)
+        own = number.total(number.drop(volume * number.number(wide), ~here))
+        mass = getattr(self.scene, "mass", None)
+        density = number.ratio(volume * number.number(wide), own)
+        if mass is not None and block.particle is not None:
+            ratio = mass[block.target] / mass[np.maximum(block.particle, 0)]
+            density = density * number.number(ratio)
+        # where there is padding the volume is 0: any finite density does
+        empty = np.broadcast_to(block.volume == 0.0, here.shape)
+        return number.drop(density, empty) + number.number(empty.astype(np.float64))
+
+
+def _axis(values: Array | None, i: int) -> Array | None:
+    return None if values is None else values[i]
+
+
+def _is_wave(fields: tuple[Field, ...]) -> bool:
+    return bool(fields) and all(isinstance(one, Sinusoid) for one in fields)
+
+
+def _values(number: Any, parts: list[Any]) -> Array | None:
+    return np.stack(np.broadcast_arrays(*[number.value(p) for p in parts])) if parts else None
+
+
+def _radius(x: Any) -> Array:
+    return np.asarray(x.radius) * SLACK if isinstance(x, Ball) else np.zeros(np.shape(x))
+
+
+def _radii(parts: list[Any]) -> Array:
+    return np.stack(np.broadcast_arrays(*[_radius(p) for p in parts]))
+
+
+def _wide(values: Array, size: int) -> Array:
+    return np.broadcast_to(values, (size,)) if np.ndim(values) < 1 else np.asarray(values)
+
+
+def _exactly(task: Task, target: Indices) -> Block:
+    """One target after the other in 60 digits."""
+    from mpmath import workdps
+
+    from sphtrunc.arithmetic import DIGITS
+
+    if any(isinstance(one, (Bump, Values)) for one in task.fields):
+        raise ValueError("precision: exact needs a sinusoid or a polynomial as the field")
+    if task.scene.volume == "summation":
+        raise ValueError("precision: exact needs constant, cell or given volumes")
+    number = arithmetic("exact")
+    blocks = []
+    with workdps(DIGITS):
+        for one in target:
+            offset, volume = task.scene.exact_neighbourhood(int(one), task.kernel)
+            if offset.size > 30_000:
+                raise ValueError(
+                    f"precision: exact is for small scenes, this target has {offset.shape[1]}"
+                    " neighbours; expected at most 10000"
+                )
+            s = [number.number(x) for x in offset]
+            seen = Neighbourhood(
+                offset=offset.astype(np.float64)[:, :, None],
+                volume=volume.astype(np.float64)[:, None],
+                target=np.array([one]),
+            )
+            owns = [f.own(np.array([one]), task.seed, i) for i, f in enumerate(task.fields)]
+            waves = isinstance(task.scene, Lattice) and _is_wave(task.fields)
+            rounds = [(0.0, 1.0), (1.0, 0.0)] if waves else [None]
+            for phase in rounds:
+                mine = [phase or (None if own is None else (own[0][0], own[1][0])) for own in owns]
+                blocks.append(
+                    task._sum(number, seen, s, number.number(volume), mine, np.array([one]))
+                )
+    return _joined(blocks, np.asarray(target))
+
+
+def _joined(blocks: list[Block], target: Indices) -> Block:
+    """Blocks of one target each, side by side."""
+
+    def side(values: list[Any]) -> Any:
+        return (
+            None
+            if values[0] is None
+            else np.concatenate([np.reshape(v, (*np.shape(v)[:1], -1)) for v in values], axis=1)
+        )
+
+    return Block(
+        target=target,
+        estimates=side([b.estimates for b in blocks]),
+        errors=side([b.errors for b in blocks]),
+        moments={
+            a: np.concatenate([b.moments[a] for b in blocks])[: target.size]
+            for a in blocks[0].moments
+        },
+        estimate_bound=None,
+        moment_bound=None,
+        pairs=np.concatenate([b.pairs for b in blocks])[: target.size],
+        neighbours=np.concatenate([b.neighbours for b in blocks])[: target.size],
+        condition=np.concatenate([b.condition for b in blocks])[: target.size],
+    )
+
+
+# ------------------------------------------------------------------------------------------ measure
+
+
+def measure(
+    scene: Scene,
+    kernel: Kernel | str,
+    operator: Operator | str = "gradient",
+    field: Field | list[Field] | None = None,
+    *,
+    form: str | None = None,
+    correction: str = "none",
+    moments: int | None = None,
+    targets: object = None,
+    rtol: float | None = None,
+    most: int = MOST,
+    seed: int = 0,
+    precision: str = "plain",
+    bound: bool = False,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Measurement:
+    """Evaluate an SPH operator on the particles of a scene.
+
+    scene: from `lattice`, `jittered`, `graded` or `particles`
+    kernel, operator, form, correction: as for `derive`
+    field: from `sinusoid`, `polynomial`, `field`, or `Values`; a list of d for divergence and curl
+        (one field there: all components alike, with phases of their own); None: moments only
+    moments: measure M_α of the first component up to this degree (default: 3 without a field)
+    targets: a number of them, drawn at random; "all"; or an index array. Default: all of explicit
+        particles and lattices, 4096 of a jittered scene
+    rtol: instead, as many as make the half-width of the 95 % confidence interval of the rms error
+        (without a field: of the rms of M_α − M_α^exact for the operator's own α) less than this
+        part of it, at most `most`
+    precision: "plain", "compensated", "extended" or "exact"
+    bound: add a rigorous bound of all rounding errors (plain and compensated)
+    workers: threads; the result does not depend on it
+    progress: called with the numbers of targets done and expected
+
+    Raises ValueError for bad arguments.
+    """
+    started = time.perf_counter()
+    kernel = parse_kernel(kernel)
+    if isinstance(operator, str):
+        operator = Operator(operator, form, correction)
+    fields = _fields(field, operator, scene.dim)
+    degree = _degree(moments, operator, bool(fields))
+    if precision not in PRECISIONS or bound:
+        arithmetic(precision, bound)
+    task = Task(scene, kernel, operator, fields, degree, seed, precision, bound)
+    size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
+    blocks: list[Block] = []
+    interrupted = False
+    with ThreadPoolExecutor(_threads(workers, precision)) as pool:
+
+        def run(batch: Indices, expected: int) -> None:
+            done = sum(block.target.size for block in blocks)
+            chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
+            for block in pool.map(task.run, chunks):
+                blocks.append(block)
+                done += block.target.size
+                if progress is not None:
+                    progress(done, expected)
+
+        try:
+            if rtol is None:
+                chosen = _chosen(scene, targets, seed)
+                run(chosen, chosen.size)
+            else:
+                _until(scene, operator, rtol, targets, most, seed, blocks, run)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            if not blocks:
+                raise
+            interrupted = True
+    return gathered(task, blocks, interrupted, time.perf_counter() - started)
+
+
+def _until(
+    scene: Scene,
+    operator: Operator,
+    rtol: float,
+    targets: object,
+    most: int,
+    seed: int,
+    blocks: list[Block],
+    run: Callable[[Indices, int], None],
+) -> None:
+    """Draw targets until the statistic is known to `rtol`; how many depends on nothing else."""
+    if targets is not None:
+        raise ValueError("targets: got targets and rtol; expected one of them")
+    if not 1e-6 <= rtol < 1:
+        raise ValueError(f"rtol: got {rtol:g}, expected a number from 1e-6 to below 1")
+    limit = min(most, scene.population)
+    done, goal = 0, min(FIRST, limit)
+    while done < goal:
+        run(sample(scene, done, goal, seed), goal)
+        done = goal
+        width = relative_width(squares(blocks, operator, scene.dim))
+        if width > rtol:
+            wanted = int(1.05 * done * (width / rtol) ** 2) + FIRST // 8
+            goal = min(limit, 8 * done, wanted)
+
+
+def _chosen(scene: Scene, targets: object, seed: int) -> Indices:
+    """The targets asked for, as indices."""
+    population = scene.population
+    if targets is None:
+        targets = 4096 if isinstance(scene, Jittered) else "all"
+    if isinstance(targets, str):
+        if targets != "all":
+            raise ValueError(f"targets: got {targets!r}, expected a number, 'all' or indices")
+        if population > 2**26:
+            raise ValueError(
+                f"targets: this scene has {population} particles; expected a number of them"
+            )
+        return np.arange(population, dtype=np.int64)
+    if isinstance(targets, (int, np.integer)) and not isinstance(targets, bool):
+        if not 1 <= targets <= 2**26:
+            raise ValueError(f"targets: got {targets}, expected at least 1 and at most 2^26")
+        return sample(scene, 0, min(int(targets), population), seed)
+    index = np.asarray(targets)
+    if index.ndim != 1 or index.dtype.kind not in "iu" or not index.size:
+        raise ValueError("targets: expected a number, 'all' or a list of indices")
+    if index.min() < 0 or index.max() >= population:
+        raise ValueError(f"targets: expected indices from 0 to {population - 1}")
+    return index.astype(np.int64)
+
+
+def _fields(field: Field | list[Field] | None, operator: Operator, dim: int) -> tuple[Field, ...]:
+    vector = operator.name in ("divergence", "curl")
+    if operator.name == "curl" and dim == 1:
+        raise ValueError("operator: there is no curl in 1D, expected dim 2 or 3")
+    if field is None:
+        return ()
+    fields = tuple(field) if isinstance(field, (list, tuple)) else (field,) * (dim if vector else 1)
+    if len(fields) != (dim if vector else 1):
+        raise ValueError(
+            f"field: got {len(fields)} components, {operator.name} in {dim}D expects"
+            f" {dim if vector else 1}"
+        )
+    for one in fields:
+        if not isinstance(one, (Sinusoid, Polynomial, Bump, Values)):
+            raise ValueError(
+                f"field: got {type(one).__name__}, expected a field made by sinusoid, polynomial,"
+                " field or Values"
+            )
+        if isinstance(one, Sinusoid) and len(one.direction) != dim:
+            raise ValueError(f"field: a sinusoid in {len(one.direction)}D for a scene in {dim}D")
+    return fields
+
+
+def _degree(moments: int | None, operator: Operator, has_field: bool) -> int | None:
+    if moments is None:
+        return None if has_field else 3
+    if isinstance(moments, bool) or not isinstance(moments, int) or not 0 <= moments <= 20:
+        raise ValueError(f"moments: got {moments!r}, expected a degree from 0 to 20")
+    return moments
+
+
+def _threads(workers: int | None, precision: str) -> int:
+    if workers is None:
+        return 1 if precision == "exact" else min(8, os.cpu_count() or 1)
+    if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
+        raise ValueError(f"workers: got {workers!r}, expected a number of threads from 1")
+    return 1 if precision == "exact" else workers

@@ -1,0 +1,400 @@
+"""Measurement: what an experiment found, its statistics, and how they are read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc import __version__
+from sphtrunc.arithmetic import MOST_CONDITION
+from sphtrunc.fields import Sinusoid, Values
+from sphtrunc.moments import Moments, MultiIndex, label
+from sphtrunc.operators import Operator
+from sphtrunc.scene import Indices, Lattice
+from sphtrunc.summation import Array
+
+if TYPE_CHECKING:
+    from sphtrunc.experiment import Task
+
+SIGMAS = 1.959963984540054  # of a normal distribution: 95 % lie within
+PHASES = 720  # at which the one target of a lattice is shown a sinusoid
+
+
+@dataclass(frozen=True)
+class Block:
+    """What one block of T targets gave; arrays over targets.
+
+    estimates: (C, T) components of the estimate, and errors: (C, T) less the exact derivative, both
+        in units of A/h^k; None without a field (errors: without exact derivatives)
+    moments: multi-index -> (T,) of the first component
+    estimate_bound, moment_bound: bounds of the rounding errors, if asked for
+    pairs, neighbours: (T,) particles within the support, with and without those at the target
+    condition: (T,) of the worst correction matrix
+    """
+
+    target: Indices
+    estimates: Array | None
+    errors: Array | None
+    moments: Mapping[MultiIndex, Array]
+    estimate_bound: Array | None
+    moment_bound: Mapping[MultiIndex, Array] | None
+    pairs: Indices
+    neighbours: Indices
+    condition: Array
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured truncation error.
+
+    settings: every option as it was resolved
+    targets: how many were measured, and `target`: which
+    pairs: particles within the support of these targets; pairs_full: of all particles of the scene
+    corrections, bounds: correction matrices solved, bounds computed
+    flagged: targets without neighbours or with a correction matrix too near to a singular one,
+        which take no part in the statistics; first_flagged: (index, neighbours) of the first
+    errors: (C, n) per target, relative to the largest exact derivative; None without a field
+    estimates: (C, n) in units of A/h^k (explicit particles: of A/length^k); None without a field
+    moments: measured M_α of the first component, arrays (n,) over targets
+    rounding_bound: largest bound of the rounding error of an error figure, relative likewise;
+        without a field, of a moment; None if not asked for
+    error_bound: (C, n), and moment_bound: multi-index -> (n,), the bounds one by one
+    interrupted: the run was stopped before its end
+    """
+
+    settings: dict[str, Any]
+    target: Indices
+    pairs: int
+    pairs_full: int
+    corrections: int
+    bounds: int
+    flagged: int
+    first_flagged: tuple[int, int] | None
+    condition: Array
+    errors: Array | None
+    estimates: Array | None
+    moments: Moments
+    error_bound: Array | None
+    moment_bound: Mapping[MultiIndex, Array] | None
+    rounding_bound: float | None
+    exact_statistics: bool
+    interrupted: bool
+    seconds: float
+
+    @property
+    def targets(self) -> int:
+        """The number of targets measured."""
+        return int(self.target.size)
+
+    @property
+    def used(self) -> Any:
+        """Mask of the targets that were not flagged."""
+        return np.isfinite(self.condition)
+
+    @property
+    def error(self) -> dict[str, Any] | None:
+        """Statistics of the length of the error vector: rms, largest, percentiles, with 95 %
+        confidence intervals; per component the rms. None without a field, or if every target was
+        flagged."""
+        if self.errors is None or not self.errors.shape[1]:
+            return None
+        square = (self.errors**2).sum(axis=0)
+        length = np.sqrt(square)
+        result: dict[str, Any] = {}
+        result["rms"], result["rms_ci95"] = self._rms(square)
+        result["max"] = float(length.max())
+        ordered = np.sort(length)
+        for name, p in (("p50", 0.5), ("p99", 0.99)):
+            result[name], result[f"{name}_ci95"] = self._percentile(ordered, p)
+        result["components"] = [self._rms(e**2)[0] for e in self.errors]
+        return result
+
+    def _rms(self, square: Array) -> tuple[float, list[float]]:
+        mean = float(square.mean())
+        if self.exact_statistics:
+            return sqrt(mean), [sqrt(mean), sqrt(mean)]
+        spread = SIGMAS * float(square.std()) / sqrt(square.size)
+        return sqrt(mean), [sqrt(max(mean - spread, 0.0)), sqrt(mean + spread)]
+
+    def _percentile(self, ordered: Array, p: float) -> tuple[float, list[float]]:
+        """Order statistics; the interval from the binomial distribution of their ranks."""
+        n = ordered.size
+        value = float(ordered[min(n - 1, int(p * n))])
+        if self.exact_statistics:
+            return value, [value, value]
+        spread = SIGMAS * sqrt(n * p * (1 - p))
+        low, high = int(max(n * p - spread, 0)), int(min(n * p + spread + 1, n - 1))
+        return value, [float(ordered[low]), float(ordered[high])]
+
+    def moment_statistics(self) -> dict[str, dict[str, Any]]:
+        """ "0,0,0": mean, standard deviation over targets, 95 % confidence interval of the mean."""
+        result = {}
+        for alpha, values in self.moments.values.items():
+            if not values.size:
+                continue
+            mean, std = float(values.mean()), float(values.std())
+            spread = 0.0 if self.exact_statistics else SIGMAS * std / sqrt(values.size)
+            result[label(alpha)] = {
+                "mean": mean,
+                "std": 0.0 if self.exact_statistics else std,
+                "ci95": [mean - spread, mean + spread],
+            }
+        return result
+
+    # -- how it is read ---------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract of schema `sphtrunc.measure/1`."""
+        first = self.first_flagged
+        return {
+            "schema": "sphtrunc.measure/1",
+            **self.settings,
+            "targets": self.targets,
+            "pairs": self.pairs,
+            "pairs_full": self.pairs_full,
+            "corrections": self.corrections,
+            "bounds": self.bounds,
+            "flagged": self.flagged,
+            "first_flagged": None if first is None else {"index": first[0], "neighbours": first[1]},
+            "error": self.error,
+            "moments": self.moment_statistics(),
+            "rounding_bound": self.rounding_bound,
+            "interrupted": self.interrupted,
+            "seconds": round(self.seconds, 3),
+            "version": __version__,
+        }
+
+    def to_json(self) -> str:
+        """`to_dict` as JSON text."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+
+    def to_csv(self) -> str:
+        """One line per figure: quantity, value, standard deviation, confidence interval."""
+        rows = ["quantity,value,std,ci95_low,ci95_high"]
+        error = self.error
+        if error is not None:
+            for name in ("rms", "p50", "p99"):
+                low, high = error[f"{name}_ci95"]
+                rows.append(f"error_{name},{error[name]!r},,{low!r},{high!r}")
+            rows.append(f"error_max,{error['max']!r},,,")
+        for key, row in self.moment_statistics().items():
+            low, high = row["ci95"]
+            name = key.replace(",", " ")
+            rows.append(f"moment {name},{row['mean']!r},{row['std']!r},{low!r},{high!r}")
+        if self.rounding_bound is not None:
+            rows.append(f"rounding_bound,{self.rounding_bound!r},,,")
+        for name in ("targets", "pairs", "pairs_full", "flagged"):
+            rows.append(f"{name},{getattr(self, name)},,,")
+        return "\n".join(rows)
+
+    def to_text(self) -> str:
+        """What a person reads first; at most 100 columns."""
+        set_ = self.settings
+        lines = [
+            f"{set_['operator']} ({set_['form']} form, correction {set_['correction']})"
+            f" with {set_['kernel']['name']}, {set_['dim']}D",
+            f"  scene: {set_['scene']}",
+            f"  field: {set_['field'] or 'none, moments only'}",
+            f"  {self.targets} targets, {self.pairs} pairs evaluated"
+            f" ({self.pairs_full:.3g} in the full scene), {self.seconds:.2f} s,"
+            f" precision {set_['precision']}",
+        ]
+        if self.interrupted:
+            lines.append("  interrupted: these are the targets measured so far")
+        if self.first_flagged is not None:
+            index, neighbours = self.first_flagged
+            lines.append(
+                f"  {self.flagged} targets flagged and left out (no neighbours, or a correction"
+                f" matrix that is singular):\n    the first is target {index}, with {neighbours}"
+                " neighbours"
+            )
+        error = self.error
+        if error is not None:
+            lines.append("Error, relative to the largest exact derivative")
+            for name, says in (("rms", "rms"), ("p50", "median"), ("p99", "99 %")):
+                low, high = error[f"{name}_ci95"]
+                lines.append(f"  {says:<7} {error[name]:.6e}   [{low:.6e}, {high:.6e}] at 95 %")
+            lines.append(f"  max     {error['max']:.6e}")
+        rows = self.moment_statistics()
+        if rows:
+            lines.append(
+                "Discrete moments        mean                      std    95 % of the mean"
+            )
+            for key, row in rows.items():
+                low, high = row["ci95"]
+                lines.append(
+                    f"  M({key})".ljust(14)
+                    + f"{row['mean']:>20.13e}  {row['std']:>15.6e}    [{low:.6e}, {high:.6e}]"
+                )
+        if self.rounding_bound is not None:
+            lines.append(f"Rounding changes a figure by at most {self.rounding_bound:.3e}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.to_text()
+
+
+# ------------------------------------------------------------------------------- from many blocks
+
+
+def squares(blocks: list[Block], operator: Operator, dim: int) -> Array:
+    """Per target, the square of the error vector; without a field, Σ (M_α − M_α^exact)² over the
+    moments that the operator stands for."""
+    if blocks[0].errors is not None:
+        parts = [(b.errors**2).sum(axis=0) for b in blocks if b.errors is not None]
+        if blocks[0].errors.shape[1] == blocks[0].target.size:
+            parts = [p[_fit(b)] for p, b in zip(parts, blocks, strict=True)]
+        return np.concatenate(parts)
+    exact = operator.target(dim)
+    if not all(alpha in blocks[0].moments for alpha in exact):
+        raise ValueError("rtol: expected a field, or moments up to those of the operator")
+    return np.concatenate(
+        [
+            np.sum([(b.moments[a] - m) ** 2 for a, m in exact.items()], axis=0)[_fit(b)]
+            for b in blocks
+        ]
+    )
+
+
+def relative_width(square: Array) -> float:
+    """Half of the 95 % confidence interval of the rms, relative to it."""
+    mean = float(square.mean()) if square.size else 0.0
+    if mean == 0.0:
+        return 0.0
+    return SIGMAS * float(square.std()) / sqrt(square.size) / (2.0 * mean)
+
+
+def _fit(block: Block) -> Any:
+    return (block.condition <= MOST_CONDITION) & (block.neighbours > 0)
+
+
+def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float) -> Measurement:
+    """The blocks put together, the flagged targets left out."""
+    target = np.concatenate([b.target for b in blocks])
+    fit = np.concatenate([_fit(b) for b in blocks])
+    pairs = np.concatenate([b.pairs for b in blocks])
+    neighbours = np.concatenate([b.neighbours for b in blocks])
+    condition = np.concatenate([b.condition for b in blocks])
+    lattice = isinstance(task.scene, Lattice)
+    waves = bool(task.fields) and all(isinstance(f, Sinusoid) for f in task.fields)
+    k = task.operator.derivatives
+    scale: Any = max((f.amplitude(k) for f in task.fields), default=1.0)
+    if any(isinstance(f, Values) for f in task.fields):
+        scale = scale * task.scene.h[target] ** k  # type: ignore[union-attr]
+
+    def side(name: str) -> Array | None:
+        found = [getattr(b, name) for b in blocks]
+        return None if found[0] is None else np.concatenate(found, axis=1)
+
+    errors, estimates, bound = side("errors"), side("estimates"), side("estimate_bound")
+    errors = None if errors is None else errors / scale
+    bound = None if bound is None else bound / scale
+    if lattice and waves and errors is not None:
+        phi = 2.0 * np.pi * (np.arange(PHASES) + 0.5) / PHASES
+        errors = errors[:, :1] * np.cos(phi) + errors[:, 1:] * np.sin(phi)
+        errors = errors if fit.all() else errors[:, :0]
+    else:
+        errors = None if errors is None else errors[:, fit]
+        bound = None if bound is None else bound[:, fit]
+    if estimates is not None and any(isinstance(f, Values) for f in task.fields):
+        estimates = estimates / task.scene.h[target] ** k  # type: ignore[union-attr]
+    moments = {a: np.concatenate([b.moments[a] for b in blocks])[fit] for a in blocks[0].moments}
+    moment_bound = None
+    if task.bound and blocks[0].moment_bound is not None:
+        moment_bound = {
+            a: np.concatenate([b.moment_bound[a] for b in blocks if b.moment_bound])[fit]
+            for a in moments
+        }
+    worst = None
+    if task.bound:
+        every = [bound] if bound is not None else list((moment_bound or {}).values())
+        sizes = [float(b.max()) for b in every if b.size]
+        worst = max(sizes, default=0.0)
+        worst = worst if np.isfinite(worst) else None
+    bad = np.flatnonzero(~fit)
+    corrected = task.operator.correction != "none" or task.operator.form == "fatehi-manzari"
+    bounds = sum(0 if b is None else b.size for b in [bound, *(moment_bound or {}).values()])
+    return Measurement(
+        settings=described(task),
+        target=target,
+        pairs=int(pairs.sum()),
+        pairs_full=round(float(pairs.mean()) * task.scene.particles),
+        corrections=int(target.size) if corrected else 0,
+        bounds=int(bounds),
+        flagged=int(bad.size),
+        first_flagged=(int(target[bad[0]]), int(neighbours[bad[0]])) if bad.size else None,
+        condition=np.where(fit, condition, np.inf),
+        errors=errors,
+        estimates=estimates,
+        moments=Moments(moments, task.operator.target(task.scene.dim), k, "measured"),
+        error_bound=bound,
+        moment_bound=moment_bound,
+        rounding_bound=worst,
+        exact_statistics=lattice,
+        interrupted=interrupted,
+        seconds=seconds,
+    )
+
+
+def described(task: Task) -> dict[str, Any]:
+    """Every option as it was resolved."""
+    scene: Any = task.scene
+    base = getattr(scene, "lattice", scene)
+    settings: dict[str, Any] = {
+        "kernel": {
+            "name": task.kernel.name,
+            "support": str(task.kernel.support),
+            "knots": [str(k) for k in task.kernel.knots],
+            "pieces": [[str(c) for c in piece] for piece in task.kernel.coefficients()],
+        },
+        "dim": scene.dim,
+        "operator": task.operator.name,
+        "form": task.operator.form,
+        "correction": task.operator.correction,
+        "lattice": getattr(base, "kind", None),
+        "dx_over_h": str(base.dx_over_h) if hasattr(base, "dx_over_h") else None,
+        "offset": [str(o) for o in base.offset] if hasattr(base, "dx_over_h") else None,
+        "extent": getattr(base, "extent", None),
+        "jitter": getattr(scene, "sigma", 0.0),
+        "distribution": getattr(scene, "distribution", None),
+        "volume": scene.volume,
+        "field": _field_text(task.fields),
+        "degree": task.degree,
+        "seed": task.seed,
+        "precision": task.precision,
+        "bound": task.bound,
+    }
+    settings["scene"] = _scene_text(settings, scene)
+    return settings
+
+
+def _scene_text(settings: dict[str, Any], scene: Any) -> str:
+    if settings["lattice"] is None:
+        kind = type(scene).__name__.lower()
+        return f"{kind}, {scene.population} targets, volume {scene.volume}"
+    text = f"{settings['lattice']} lattice, Δx/h = {settings['dx_over_h']}"
+    if any(o != "0" for o in settings["offset"]):
+        text += f", offset {', '.join(settings['offset'])}"
+    if settings["distribution"]:
+        text += f", jitter {settings['jitter']:g} Δx ({settings['distribution']})"
+    return text + f", volume {settings['volume']}"
+
+
+def _field_text(fields: tuple[Any, ...]) -> str | None:
+    if not fields:
+        return None
+    one = fields[0]
+    if isinstance(one, Sinusoid):
+        along = ", ".join(f"{n:g}" for n in one.direction)
+        return f"sinusoid, h/λ = {one.h_over_lambda:g}, along ({along}), random phase"
+    if hasattr(one, "coefficients"):
+        terms = ", ".join(f"{label(a)}: {c:g}" for a, c in one.coefficients.items())
+        return f"polynomial in the offset ({terms})"
+    if hasattr(one, "width"):
+        return f"Gaussian bump of width {one.width:g} h"
+    return "values on the particles"
