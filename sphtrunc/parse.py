@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
+from re import findall
 from typing import TYPE_CHECKING, Any
 
 from sympy import QQ, Poly, Rational
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 MAX_LENGTH = 4096  # characters of a formula
 MAX_NESTING = 64
 MAX_DEGREE = 64
+MAX_DIGITS = 1000  # of a number as it is written
 MAX_BITS = 4096  # numerator and denominator of a coefficient: about 1,200 digits
+MAX_PIECES = 32
 MAX_FILE = 1 << 20  # bytes
 
 _GRAMMAR = r"""
@@ -66,7 +69,8 @@ def kernel(spec: Kernel | str) -> Kernel:
         raise ValueError("kernel: got an empty text, expected a name, a formula or a file")
     if Path(text[:MAX_LENGTH]).suffix.lower() in (".toml", ".json"):
         return from_file(Path(text))
-    if ".." in text or any(c in text for c in "()*/^+;,= ") or text in ("q", "pos"):
+    words = set(findall("[A-Za-z]+", text[:MAX_LENGTH]))
+    if words <= {"q", "pos"} or ".." in text or any(c in text for c in "()*/^+;="):
         return formula(text)
     return catalogue.named(text)
 
@@ -88,25 +92,29 @@ def from_file(path: Path) -> Kernel:
     Raises ValueError for a file that cannot be read or does not say that.
     """
     shown = str(path) if len(str(path)) <= 200 else str(path)[:200] + "..."
+    shown = shown if shown.isprintable() else ascii(shown)
     try:
-        if not path.is_file():
-            raise ValueError(f"kernel file {shown}: no such file")
-        if path.stat().st_size > MAX_FILE:
-            raise ValueError(f"kernel file {shown}: larger than {MAX_FILE} bytes")
-        text = path.read_text(encoding="utf-8")
-        data = (
-            tomllib.loads(text, parse_float=str)
-            if path.suffix.lower() == ".toml"
-            else json.loads(text, parse_float=str, parse_constant=str)
-        )
-    except OSError as error:
-        raise ValueError(f"kernel file {shown}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
-        raise ValueError(f"kernel file {shown}: malformed: {error}") from None
+        content = path.read_bytes() if path.is_file() and path.stat().st_size <= MAX_FILE else None
+        size = path.stat().st_size
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(
+            f"kernel file {shown}: {reason}; expected the path of a readable file"
+        ) from None
+    if size > MAX_FILE:
+        raise ValueError(f"kernel file {shown}: {size} bytes, expected at most {MAX_FILE}")
+    if content is None:
+        raise ValueError(f"kernel file {shown}: not a file, expected a TOML or JSON file")
+    try:
+        data = _loaded(content.decode(), path.suffix.lower())
     except RecursionError:
-        raise ValueError(f"kernel file {shown}: nested too deeply") from None
+        raise ValueError(f"kernel file {shown}: nested too deeply, expected plain lists") from None
+    except ValueError as error:
+        raise ValueError(
+            f"kernel file {shown}: malformed, {error}; expected {path.suffix[1:].upper()} in UTF-8"
+        ) from None
     if not isinstance(data, dict):
-        raise ValueError(f"kernel file {shown}: expected knots and pieces")
+        raise ValueError(f"kernel file {shown}: a list, expected an object with knots and pieces")
     unknown = sorted(set(data) - {"name", "source", "knots", "pieces"})
     if unknown:
         raise ValueError(
@@ -116,11 +124,22 @@ def from_file(path: Path) -> Kernel:
     knots, pieces = data.get("knots"), data.get("pieces")
     if not isinstance(knots, list) or not isinstance(pieces, list):
         raise ValueError(f"kernel file {shown}: expected a list of knots and a list of pieces")
+    if len(pieces) > MAX_PIECES:
+        raise ValueError(
+            f"kernel file {shown}: {len(pieces)} pieces, expected at most {MAX_PIECES}"
+        )
     name, source = data.get("name", path.stem), data.get("source", "")
     if not isinstance(name, str) or not isinstance(source, str):
         raise ValueError(f"kernel file {shown}: name and source: expected texts")
-    exact = [rational(k, f"kernel file {shown}: knots") for k in knots]
+    exact = [_number(k, f"kernel file {shown}: knots") for k in knots[: MAX_PIECES + 2]]
     return Kernel(exact, [_file_piece(p, shown) for p in pieces], name=name, source=source)
+
+
+def _loaded(text: str, suffix: str) -> Any:
+    """TOML or JSON with its decimals, and JSON's integers, as the texts that they are."""
+    if suffix == ".toml":
+        return tomllib.loads(text, parse_float=str)
+    return json.loads(text, parse_float=str, parse_int=str, parse_constant=str)
 
 
 def _file_piece(piece: object, shown: str) -> Poly:
@@ -130,15 +149,19 @@ def _file_piece(piece: object, shown: str) -> Poly:
             return _expand(tree, None)
     if isinstance(piece, list):
         if len(piece) > MAX_DEGREE + 1:
-            raise ValueError(f"kernel file {shown}: a piece of degree over {MAX_DEGREE}")
-        exact = [rational(c, f"kernel file {shown}: pieces") for c in piece]
-        return _capped(Poly(list(reversed(exact)) or [0], q, domain=QQ))
+            raise ValueError(
+                f"kernel file {shown}: a piece of degree {len(piece) - 1}, expected at most"
+                f" {MAX_DEGREE}"
+            )
+        exact = [_number(c, f"kernel file {shown}: pieces") for c in piece]
+        return Poly(list(reversed(exact)) or [0], q, domain=QQ)
     raise ValueError(
         f"kernel file {shown}: pieces: expected a polynomial in q as text, or its coefficients"
     )
 
 
 def _from_pieces(items: Sequence[Any], name: str, source: str) -> Kernel:
+    _check_pieces(len(items))
     knots: list[Rational] = []
     polynomials = []
     for _, low, high, body in items:
@@ -154,7 +177,8 @@ def _from_pieces(items: Sequence[Any], name: str, source: str) -> Kernel:
 
 
 def _from_powers(tree: Any, name: str, source: str) -> Kernel:
-    ends = sorted({0, *_truncations(tree)})
+    ends = sorted({Rational(0), *_truncations(tree)})
+    _check_pieces(len(ends) - 1)
     if len(ends) < 2:
         raise ValueError(
             "kernel: a formula must say where it ends:"
@@ -162,7 +186,10 @@ def _from_powers(tree: Any, name: str, source: str) -> Kernel:
         )
     middles = [(a + b) / 2 for a, b in pairwise(ends)]
     if not _expand(tree, ends[-1] + 1).is_zero:
-        raise ValueError(f"kernel: the formula does not vanish beyond its last knot {ends[-1]}")
+        raise ValueError(
+            f"kernel: the formula does not vanish beyond its last knot {ends[-1]};"
+            " expected truncated powers such as pos(2-q)"
+        )
     return Kernel(ends, [_expand(tree, m) for m in middles], name=name, source=source)
 
 
@@ -171,9 +198,7 @@ def _truncations(tree: Any) -> list[Rational]:
     if not isinstance(tree, tuple):
         return []
     if tree[0] == "positive":
-        inner = _expand(tree[1], None)
-        if inner.degree() != 1:
-            raise ValueError("kernel: pos(...) takes an expression linear in q, such as pos(2-q)")
+        inner = _linear(tree[1])
         root = -inner.nth(0) / inner.nth(1)
         return [root] if root > 0 else []
     return [root for child in tree[1:] for root in _truncations(child)]
@@ -190,13 +215,15 @@ def _expand(tree: Any, at: Rational | None) -> Poly:
     """The polynomial of a syntax tree; pos(…) is resolved by its sign at the point `at`."""
     match tree:
         case ("number", text):
-            return _capped(Poly(rational(text, "kernel"), q, domain=QQ))
+            return Poly(_number(text, "kernel"), q, domain=QQ)
         case ("variable",):
             return Poly(q, q, domain=QQ)
         case ("positive", inner):
             if at is None:
-                raise ValueError("kernel: pos(...) stands in a piece that already has its bounds")
-            value = _expand(inner, None)
+                raise ValueError(
+                    "kernel: pos(...) in a piece or another pos(...), expected a polynomial there"
+                )
+            value = _linear(inner)
             return value if value.eval(at) > 0 else Poly(0, q, domain=QQ)
         case ("sum", *signed):
             total = Poly(0, q, domain=QQ)
@@ -214,7 +241,7 @@ def _expand(tree: Any, at: Rational | None) -> Poly:
                 elif value.degree() > 0:
                     raise ValueError("kernel: division by an expression in q, expected a number")
                 elif value.is_zero:
-                    raise ValueError("kernel: division by zero")
+                    raise ValueError("kernel: division by zero, expected another number")
                 else:
                     product = _capped(product * Poly(1 / value.nth(0), q, domain=QQ))
             return product
@@ -226,15 +253,43 @@ def _expand(tree: Any, at: Rational | None) -> Poly:
                 )
             _check_degree(max(value.degree(), 0) * int(exponent))
             return _power(value, int(exponent))
-    raise ValueError("kernel: unreadable formula")
+    raise ValueError("kernel: unreadable formula, expected a polynomial in q")
 
 
+@lru_cache(maxsize=1024)  # each pos(...) is met once for every piece
+def _linear(inner: Any) -> Poly:
+    value = _expand(inner, None)
+    if value.degree() != 1:
+        raise ValueError("kernel: pos(...) takes an expression linear in q, such as pos(2-q)")
+    return value
+
+
+@lru_cache(maxsize=1024)
 def _power(base: Poly, exponent: int) -> Poly:
     """Factor by factor, so that the caps stop it before anything becomes large."""
     result = Poly(1, q, domain=QQ)
     for _ in range(exponent):
         result = _capped(result * base)
     return result
+
+
+def _number(value: object, name: str) -> Rational:
+    """The exact rational, within the cap."""
+    if isinstance(value, str) and len(value) > MAX_DIGITS:
+        raise ValueError(f"{name}: {len(value)} digits, expected at most {MAX_DIGITS}")
+    exact = rational(value, name)
+    _check_size(exact)
+    return exact
+
+
+def _check_pieces(number: int) -> None:
+    if number > MAX_PIECES:
+        raise ValueError(f"kernel: {number} pieces, expected at most {MAX_PIECES}")
+
+
+def _check_size(c: Rational) -> None:
+    if max(int(c.p).bit_length(), int(c.q).bit_length()) > MAX_BITS:
+        raise ValueError(f"kernel: a coefficient too large, expected at most {MAX_BITS} bits")
 
 
 def _check_degree(degree: int) -> None:
@@ -244,14 +299,13 @@ def _check_degree(degree: int) -> None:
 
 def _capped(value: Poly) -> Poly:
     for c in value.coeffs():
-        if max(int(c.p).bit_length(), int(c.q).bit_length()) > MAX_BITS:
-            raise ValueError(f"kernel: a coefficient of more than {MAX_BITS} bits")
+        _check_size(c)
     return value
 
 
 def _parse(text: str) -> Any:
     """The syntax tree, as nested tuples; ValueError where the text is not a formula."""
-    from lark.exceptions import UnexpectedCharacters, UnexpectedInput
+    from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
     if len(text) > MAX_LENGTH:
         raise ValueError(f"kernel: {len(text)} characters, expected at most {MAX_LENGTH}")
@@ -267,11 +321,13 @@ def _parse(text: str) -> Any:
     try:
         return _parser().parse(text)
     except UnexpectedInput as error:
-        at = getattr(error, "pos_in_stream", None)
-        where = f"at {text[at : at + 12]!r}" if at is not None and at < len(text) else "at the end"
+        at = error.pos_in_stream or 0
         kind = "character" if isinstance(error, UnexpectedCharacters) else "text"
+        found = f"unexpected {kind} at {text[at : at + 12]!r}"
+        if isinstance(error, UnexpectedToken) and error.token.type == "$END":
+            found = "unfinished at the end"
         raise ValueError(
-            f"kernel: unexpected {kind} {where}; a formula is made of q, rationals, + - * / ^ ( )"
+            f"kernel: {found}; a formula is made of q, rationals, + - * / ^ ( )"
             " and pos(...), as in '0..1: 1 - q^2/2; 1..2: (2-q)^2/2'"
         ) from None
 

@@ -209,7 +209,7 @@ def test_published_constant_by_quadrature(
         assert abs(second - mp.mpf(int(found.p)) / int(found.q)) < mp.mpf(10) ** -35
 
 
-#: Dehnen & Aly (2012), table 1: {kernel: {dim: (σ²/H², H/h)}}, H the support, σ² = ∫ s² W / d, h = 2σ
+#: Dehnen & Aly (2012), table 1: {kernel: {dim: (σ²/H², H/h)}}; H: support, σ² = ∫ s² W / d, h = 2σ
 STANDARD_DEVIATIONS = {
     "cubic-spline": {1: ("1/12", 1.732051), 2: ("31/392", 1.778002), 3: ("3/40", 1.825742)},
     "quartic-spline": {
