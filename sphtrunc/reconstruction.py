@@ -30,12 +30,12 @@ CHANCE = 0.02  # of a fraction so simple lying in the interval by accident
 NOISES = ((16.0, 0.02), (512.0, 0.5), (16.0, 64.0))
 
 
-def fixed(x: Array, unit: float = 1.0) -> list[int]:
+def fixed(x: Array, unit: Fraction | float = 1) -> list[int]:
     """x/unit as integers in units of 2^-256 (x and unit are taken as exact)."""
     scale = Fraction(unit)
-    return [
-        (Fraction(float(v)) * scale.denominator * 2**BITS / scale.numerator).__floor__() for v in x
-    ]
+    up, down = scale.denominator << BITS, scale.numerator
+    ratios = (float(v).as_integer_ratio() for v in x)
+    return [(n * up) // (m * down) for n, m in ratios]
 
 
 def values(
@@ -84,15 +84,15 @@ def magnitudes(kernel: Kernel, u: Array) -> Array:
 
 def reconstruct(
     x: Array, y: Array, unit: float = 2.0**-53, support: float | None = None, scale: float = 0.0
-) -> Kernel | None:
+) -> tuple[Kernel, float] | None:
     """The piecewise polynomial with rational knots and coefficients behind samples, or None.
 
     x: (n,) increasing, x >= 0; y: (n,) values, each with a relative error of a few `unit`.
     Where the support is not given it is found between the last value that is not zero and the next
     sample. scale: what the coefficients are rational multiples of; 0: the value at the origin.
 
-    The kernel has its support at 1 (knots are fractions of the support) and value 1 at the origin,
-    or y / scale where a scale is given.
+    The kernel, whose support is 1 (its knots are fractions of the support) and whose value is 1 at
+    the origin, or y / scale where a scale is given; and the support in units of x.
     """
     inside = np.nonzero(y)[0]
     if len(inside) < 16:
@@ -108,7 +108,7 @@ def reconstruct(
                 if found is not None:
                     kernel, size = found
                     if agrees(kernel, x[keep], v, wanted, size, unit):
-                        return kernel
+                        return kernel, wanted
     return None
 
 

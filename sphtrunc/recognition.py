@@ -1,0 +1,459 @@
+"""Which kernel samples are: one of the catalogue, an analytic one, or an unknown polynomial one.
+
+A match is accepted only if it reproduces every sample within a bound: the rounding of any usual way
+of writing the kernel, plus what the table leaves open, plus what the support leaves open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+from sympy import Expr, Rational, pi
+
+from sphtrunc import catalogue
+from sphtrunc.constants import DIGITS, number
+from sphtrunc.kernel import Kernel
+from sphtrunc.reconstruction import fixed, magnitudes, reconstruct, values
+from sphtrunc.samples import DOUBLE, SINGLE, Samples
+
+Array = NDArray[np.float64]
+
+GRID = np.linspace(0, 0.75, 61)  # in units of the support: where shapes are told apart
+ALIKE = 0.03  # how far apart two profiles may be for a full comparison
+
+
+@dataclass(frozen=True)
+class Analytic:
+    """A kernel that is no polynomial: its shape on [0, end], and σ_d = 1/∫ over that range."""
+
+    name: str
+    shape: Callable[[Any], Any]  # with NumPy functions; q in units of the smoothing length
+    slope: Callable[[Any], Any]
+    end: float
+    normalisation: Callable[[int], Expr]
+    source: str
+
+
+_YANG = "Yang, Peng & Liu (2014) doi:10.1016/j.apm.2013.12.001"
+ANALYTIC = {
+    a.name: a
+    for a in (
+        Analytic(
+            "gaussian",
+            lambda q: np.exp(-q * q),
+            lambda q: -2 * q * np.exp(-q * q),
+            math.inf,
+            lambda dim: pi ** Rational(-dim, 2),
+            "Gingold & Monaghan (1977) doi:10.1093/mnras/181.3.375",
+        ),
+        Analytic(
+            "double-cosine",
+            lambda u: 4 * np.cos(np.pi * u) + np.cos(2 * np.pi * u) + 3,
+            lambda u: -np.pi * (4 * np.sin(np.pi * u) + 2 * np.sin(2 * np.pi * u)),
+            1.0,
+            lambda dim: {1: Rational(1, 6), 2: pi / (3 * pi**2 - 16), 3: pi / (4 * pi**2 - 30)}[
+                dim
+            ],
+            _YANG,
+        ),
+        Analytic(
+            "cosine",
+            lambda u: 1 + np.cos(np.pi * u),
+            lambda u: -np.pi * np.sin(np.pi * u),
+            1.0,
+            lambda dim: {1: Rational(1, 2), 2: pi / (pi**2 - 4), 3: 3 * pi / (4 * pi**2 - 24)}[dim],
+            "Hann window; elementary integral",
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Match:
+    """A shape that reproduces the samples: w = amplitude · shape(q · scale).
+
+    integral: ∫ W over its support, and its relative error; exact where the input was exact
+    support: in units of the h of whoever wrote it, and its relative error
+    """
+
+    shape: Kernel | Analytic
+    known: bool
+    support: float
+    support_error: float
+    amplitude: float
+    scale: float
+    integral: Any
+    integral_error: float
+    unit: float
+
+    @property
+    def name(self) -> str:
+        return self.shape.name
+
+    def slope(self, q: Array) -> tuple[Array, Array]:
+        """dw/dq of the shape at q, and the rounding it may carry."""
+        if isinstance(self.shape, Analytic):
+            value = self.amplitude * self.scale * self.shape.slope(q * self.scale)
+            value = np.where(q < self.support, value, 0)
+            size = abs(self.amplitude * self.scale) * (1 + np.abs(q * self.scale)) * 64
+            return value, 2 * self.unit * size
+        kernel, factor = self.shape, self.amplitude * self.scale
+        pieces = kernel.derivative()
+        inside = q < self.support
+        points = fixed(q[inside], Fraction(self.support) / fraction(kernel.support))
+        value, size = np.zeros_like(q), np.zeros_like(q)
+        value[inside] = factor * values(kernel.knots, pieces, points)
+        if any(not p.is_zero for p in pieces):
+            slope = Kernel(kernel.knots, pieces)
+            size[inside] = np.abs(factor) * magnitudes(slope, q[inside] * self.scale)
+        return value, 2 * (4 * kernel.degree + 16) * self.unit * size
+
+
+def fraction(value: Rational) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def recognise_samples(samples: Samples, dim: int, spacing: float = 0.0) -> Match | None:
+    """The kernel behind the samples, in the precision they have, or None.
+
+    spacing: of the nodes, where the values are interpolated linearly between them.
+    """
+    units = (SINGLE,) if samples.unit == SINGLE else (DOUBLE, SINGLE)
+    for unit in units:
+        found = _catalogued(samples, dim, unit, spacing, False) or _analytic(samples, dim, unit)
+        found = found or _catalogued(samples, dim, unit, spacing, True)
+        if found is None and not spacing:
+            found = _reconstructed(samples, dim, unit)
+        if found is not None:
+            return found
+    return None
+
+
+def rounding(kernel: Kernel, q: Array, shape: Array, slope: Array, expanded: bool) -> Array:
+    """How many units of the last place evaluating w(q) may cost: (4 degree + 16) times …
+
+    … |w| + |q w′| where the kernel is written about its own zeros; … the sum of the sizes of its
+    terms where it is expanded about 0 or in truncated powers.
+    """
+    size = magnitudes(kernel, q) if expanded else np.abs(shape) + np.abs(q * slope)
+    return (4 * kernel.degree + 16) * size
+
+
+@cache
+def profiles() -> tuple[tuple[Kernel, Array], ...]:
+    """Every shape of the catalogue once, with its values over the grid, 1 at the origin."""
+    result: dict[Kernel, Array] = {}
+    for name in catalogue.names():
+        kernel = catalogue.named(name)
+        if kernel not in result:
+            result[kernel] = profile(kernel)
+    return tuple(result.items())
+
+
+def profile(kernel: Kernel) -> Array:
+    knots = [float(k) for k in kernel.knots]
+    q = GRID * knots[-1]
+    index = np.minimum(np.searchsorted(knots[1:], q), len(kernel.pieces) - 1)
+    w = np.empty_like(q)
+    for i, piece in enumerate(kernel.pieces):
+        w[index == i] = np.polyval([float(c) for c in piece.all_coeffs()], q[index == i])
+    return np.asarray(w / w[0])
+
+
+def crossing(q: Array, w: Array) -> float:
+    """Where w first falls to a half, between samples by a straight line; 0 if it does not."""
+    below = np.nonzero(w < 0.5)[0]
+    if not len(below) or below[0] == 0:
+        return 0.0
+    i = int(below[0])
+    return float(q[i - 1] + (q[i] - q[i - 1]) * (w[i - 1] - 0.5) / (w[i - 1] - w[i]))
+
+
+def _catalogued(
+    samples: Samples, dim: int, unit: float, spacing: float, expanded: bool
+) -> Match | None:
+    top = samples.w[0] if samples.q[0] < 1e-9 * samples.q[-1] else samples.w[:3].max()
+    if top == 0:
+        return None
+    low, high = samples.support
+    middle = crossing(samples.q, samples.w / top)
+    candidates = []
+    for kernel, w in profiles():
+        guesses = [high] if math.isfinite(high) else [low]
+        half = crossing(GRID, w)
+        if middle and half and (not math.isfinite(high) or unit == SINGLE):
+            # the table may end early, and the last values of a smooth edge underflow
+            guesses += [middle / half] if low < middle / half < 2 * low else []
+        for guess in guesses:
+            seen = np.interp(GRID * guess, samples.q, samples.w) / top
+            distance = float(np.max(np.abs(seen - w)))
+            if distance < ALIKE:
+                candidates.append((distance, guess, kernel))
+    candidates.sort(key=lambda c: c[0])
+    for _, guess, kernel in candidates[:8]:
+        found = _matched(kernel, samples, guess, dim, unit, spacing, expanded)
+        if found is not None:
+            return replace(found, known=True)
+    return None
+
+
+def _matched(
+    kernel: Kernel,
+    samples: Samples,
+    guess: float,
+    dim: int,
+    unit: float,
+    spacing: float,
+    expanded: bool,
+) -> Match | None:
+    low, high = samples.support
+    tried: set[float] = set()
+    if math.isfinite(high) and high - low <= 4 * DOUBLE * high:
+        trials = [(nice(high, 4 * DOUBLE), 2 * DOUBLE), (high, 4 * DOUBLE)]
+        for support, error in trials:
+            if support not in tried:
+                tried.add(support)
+                found = compare(kernel, samples, support, error, dim, unit, spacing, expanded)
+                if found is not None:
+                    return found
+    fitted = _fit_support(kernel, samples, guess, unit, spacing, expanded)
+    if fitted is None:
+        return None
+    support, error = fitted
+    simple = nice(support, error)
+    for value in (float(kernel.support), simple):
+        if abs(value - support) <= error * support and value not in tried:
+            found = compare(kernel, samples, value, 2 * DOUBLE, dim, unit, spacing, expanded)
+            if found is not None:
+                return found
+    return compare(kernel, samples, support, error, dim, unit, spacing, expanded)
+
+
+def nice(value: float, error: float) -> float:
+    """The nearest fraction of denominator at most 64, if it lies within the relative error."""
+    simple = Fraction(value).limit_denominator(64)
+    return float(simple) if abs(float(simple) - value) <= error * value else value
+
+
+def _fit_support(
+    kernel: Kernel, samples: Samples, guess: float, unit: float, spacing: float, expanded: bool
+) -> tuple[float, float] | None:
+    """The support and its relative error by weighted least squares in (amplitude, support)."""
+    support = guess
+    reach = samples.w != 0
+    step = max(1, int(np.count_nonzero(reach)) // 200)
+    q, w = samples.q[reach][::step], samples.w[reach][::step]
+    error = samples.error[reach][::step]
+    pieces = kernel.derivative()
+    spread = 1.0
+    for _ in range(8):
+        inside = q < support * (1 - 1e-3)
+        if np.count_nonzero(inside) < 8:
+            return None
+        x, y = q[inside], w[inside]
+        ratio = Fraction(support) / fraction(kernel.support)
+        points = fixed(x, ratio)
+        shape = values(kernel.knots, kernel.pieces, points)
+        slope = values(kernel.knots, pieces, points)
+        top = float(shape[0])
+        amplitude = float(y @ shape / (shape @ shape))
+        noise = (
+            unit * rounding(kernel, x / float(ratio), shape, slope, expanded) * abs(amplitude)
+            + error[inside]
+            + _interpolation(kernel, amplitude, float(ratio), spacing)
+            + 1e-300 * abs(top)
+        )
+        rows = np.stack([shape / noise, -amplitude * slope * (x / float(ratio)) / noise], axis=1)
+        orthogonal, triangle = np.linalg.qr(rows)
+        if not abs(np.prod(np.diag(triangle))) > 0:
+            return None
+        change = np.linalg.solve(
+            triangle, orthogonal.T @ ((y - amplitude * shape) / noise)
+        )
+        inverse = np.linalg.inv(triangle)
+        spread = float(16 * np.sqrt(np.sum(inverse[1] ** 2)))
+        support *= 1 + float(np.clip(change[1], -0.1, 0.1))
+        if abs(change[1]) < spread / 100 or abs(change[1]) < DOUBLE:
+            break
+    return support, max(spread, 4 * DOUBLE)
+
+
+def _interpolation(kernel: Kernel, amplitude: float, ratio: float, spacing: float) -> float:
+    """max |w″| Δ²/8, the error of linear interpolation between nodes Δ apart."""
+    if not spacing:
+        return 0.0
+    curvature = [p.diff() for p in kernel.derivative()]
+    points = np.linspace(0, float(kernel.support), 101)
+    largest = float(np.max(np.abs(values(kernel.knots, curvature, fixed(points)))))
+    return 1.1 * abs(amplitude) * largest * (spacing / ratio) ** 2 / 8
+
+
+def compare(
+    kernel: Kernel,
+    samples: Samples,
+    support: float,
+    support_error: float,
+    dim: int,
+    unit: float,
+    spacing: float = 0.0,
+    expanded: bool = True,
+) -> Match | None:
+    """The kernel at that support, if some amplitude makes it agree with every sample."""
+    ratio = Fraction(support) / fraction(kernel.support)
+    inside = samples.q < support
+    q, y = samples.q[inside], samples.w[inside]
+    outside = samples.w[~inside]
+    points = fixed(q, ratio)
+    shape = values(kernel.knots, kernel.pieces, points)
+    own = q / float(ratio)
+    slope = values(kernel.knots, kernel.derivative(), points)
+    guess = abs(float(y @ shape / (shape @ shape)))
+    noise = guess * unit * rounding(kernel, own, shape, slope, expanded)
+    noise += guess * np.abs(slope * own) * support_error + samples.error[inside]
+    noise += _interpolation(kernel, guess, float(ratio), spacing) + 1e-300
+    weight = shape / noise
+    amplitude = float((weight @ (y / noise)) / (weight @ weight))
+    error = float(np.sum(np.abs(weight)) / (weight @ weight)) / abs(amplitude or 1.0)
+    error = min(error + len(q) * DOUBLE, 1.0)
+    away = np.ones(len(q), dtype=bool)
+    for knot in kernel.knots[1:]:
+        where = float(knot) * float(ratio)
+        away &= np.abs(q - where) > max(8 * DOUBLE, support_error) * where
+    off = np.abs(y - amplitude * shape) > 2 * noise
+    if bool(np.any(off & away)) or not amplitude:
+        return None
+    beyond = np.abs(outside) > 2 * samples.error[~inside] + np.max(noise)
+    if bool(np.any(beyond[1:])):
+        return None
+    integral = _integral(kernel, amplitude, ratio, dim)
+    total = error + dim * support_error
+    scale = float(1 / ratio)
+    return Match(
+        kernel, False, support, support_error, amplitude, scale, integral, total, unit
+    )
+
+
+def _integral(kernel: Kernel, amplitude: float, ratio: Fraction, dim: int) -> Any:
+    with mpmath.workdps(DIGITS):
+        stretch = mpmath.mpf(ratio.numerator) / ratio.denominator
+        return mpmath.mpf(amplitude) * stretch**dim / number(kernel.normalisation(dim))
+
+
+def _reconstructed(samples: Samples, dim: int, unit: float) -> Match | None:
+    low, high = samples.support
+    bisected = math.isfinite(high) and high - low <= 4 * DOUBLE * high
+    if np.any(samples.error > 64 * unit * np.max(np.abs(samples.w))):
+        unit = float(2 * np.max(samples.error) / np.max(np.abs(samples.w)))
+        if unit > 1e-4:
+            return None
+    support = nice(high, 4 * DOUBLE) if bisected else None
+    recovered = reconstruct(samples.q, samples.w, unit, support)
+    if recovered is None:
+        return None
+    found = compare(recovered[0], samples, recovered[1], 2 * DOUBLE, dim, unit)
+    return _in_own_units(found) if found is not None else None
+
+
+def _in_own_units(match: Match) -> Match:
+    """A reconstructed kernel written on the support that its author used, where that is simple."""
+    simple = Fraction(match.support).limit_denominator(64)
+    if float(simple) != match.support or not isinstance(match.shape, Kernel):
+        return match
+    kernel = match.shape.scaled(Rational(simple.numerator, simple.denominator))
+    own = Kernel(kernel.knots, kernel.pieces, name="reconstructed")
+    return replace(match, shape=own, scale=1.0)
+
+
+def _analytic(samples: Samples, dim: int, unit: float) -> Match | None:
+    low, high = samples.support
+    support = nice(high, 4 * DOUBLE) if math.isfinite(high) else low
+    inside = (samples.q < support) & (samples.w != 0)
+    q, y, error = samples.q[inside], samples.w[inside], samples.error[inside]
+    if len(q) < 16 or y[0] <= 0:
+        return None
+    for shape in ANALYTIC.values():
+        scale = 1 / support
+        if shape.name == "gaussian":
+            middle = (y > 0) & (y < 0.8 * y[0]) & (y > 0.05 * y[0])
+            if np.count_nonzero(middle) < 4:
+                continue
+            width = np.polyfit(q[middle] ** 2, np.log(y[middle]), 1)[0]
+            if not width < 0:
+                continue
+            scale = nice(math.sqrt(-width), 1e-7)
+            if scale**2 and abs(nice(-width, 1e-9) - (-width)) < 1e-9 * -width:
+                scale = math.sqrt(nice(-width, 1e-9))
+        model = shape.shape(q * scale)
+        weight = np.maximum(np.abs(model), 1e-3)
+        amplitude = float(np.median((y / model)[: max(4, len(q) // 3)]))
+        argument = (q * scale) ** 2 if shape.name == "gaussian" else np.full_like(q, 8.0)
+        spare = 1e-12 if shape.name == "gaussian" and scale not in (1.0,) else 0.0
+        noise = abs(amplitude) * ((16 + 4 * argument) * 2 * unit + spare) * (
+            np.abs(model) * (1 + argument) if shape.name == "gaussian" else 8.0
+        )
+        if np.any(np.abs(y - amplitude * model) > noise + 2 * error + 5e-324):
+            continue
+        with mpmath.workdps(DIGITS):
+            whole = mpmath.mpf(amplitude) / mpmath.mpf(scale) ** dim
+            whole /= number(shape.normalisation(dim))
+            if shape.name == "gaussian":
+                reach = (mpmath.mpf(support) * scale) ** 2
+                whole *= mpmath.gammainc(mpmath.mpf(dim) / 2, 0, reach, regularized=True)
+        spread = float(np.max(noise[:4]) / abs(amplitude)) + 4 * unit
+        return Match(
+            shape, True, support, 2 * DOUBLE, amplitude, scale, whole, spread + dim * spare, unit
+        )
+    return None
+
+
+def exact_match(kernel: Kernel, constant: Expr, error: float, dim: int) -> Match:
+    """The match of a formula and its constant: nothing is sampled, the integral is exact."""
+    integral = constant / kernel.normalisation(dim)
+    amplitude = float(number(constant))
+    support = float(kernel.support)
+    for known, _ in profiles():
+        if same_shape(known, kernel):
+            one = known.support / kernel.support
+            factor = _top(kernel) / _top(known)
+            return Match(
+                known, True, support, 0.0, amplitude * float(factor), float(one), integral, error, DOUBLE
+            )
+    return Match(kernel, False, support, 0.0, amplitude, 1.0, integral, error, DOUBLE)
+
+
+def same_shape(a: Kernel, b: Kernel) -> bool:
+    """Equal up to scale and support, exactly."""
+    if len(a.pieces) != len(b.pieces) or a.degree != b.degree:
+        return False
+    ratio = a.support / b.support
+    if any(x != y * ratio for x, y in zip(a.knots, b.knots, strict=True)):
+        return False
+    scale = None
+    for p, r in zip(a.pieces, b.pieces, strict=True):
+        left, right = list(reversed(p.all_coeffs())), list(reversed(r.all_coeffs()))
+        if len(left) != len(right):
+            return False
+        for power, (x, y) in enumerate(zip(left, right, strict=True)):
+            x = x * ratio**power
+            if (x == 0) != (y == 0):
+                return False
+            if x != 0:
+                scale = scale if scale is not None else x / y
+                if x != scale * y:
+                    return False
+    return True
+
+
+def _top(kernel: Kernel) -> Rational:
+    """The first coefficient of the first piece that is not zero, on a support of one."""
+    table = list(reversed(kernel.pieces[0].all_coeffs()))
+    power = next(i for i, c in enumerate(table) if c)
+    return table[power] * kernel.support**power
