@@ -152,6 +152,8 @@ class Compensated(Plain):
 
 
 def _kernel(kernel: Kernel, q: Array, derivative: int, dim: int) -> Array:
+    if derivative < 3:
+        return np.asarray((kernel.w, kernel.dw, kernel.d2w)[derivative](q, dim), dtype=np.float64)
     from sphtrunc.evaluation import evaluate, tabulate
 
     return np.asarray(evaluate(tabulate(kernel, dim, derivative), q), dtype=np.float64)

@@ -263,6 +263,7 @@ class Task:
     seed: int
     precision: str
     bound: bool
+    rtol: float | None = None
 
     def run(self, target: Indices) -> Block:
         """Measure these targets."""
@@ -494,7 +495,7 @@ def measure(
     degree = _degree(moments, operator, bool(fields))
     if precision not in PRECISIONS or bound:
         arithmetic(precision, bound)
-    task = Task(scene, kernel, operator, fields, degree, seed, precision, bound)
+    task = Task(scene, kernel, operator, fields, degree, seed, precision, bound, rtol)
     size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
     blocks: list[Block] = []
     interrupted = False

@@ -364,6 +364,8 @@ def described(task: Task) -> dict[str, Any]:
         "distribution": getattr(scene, "distribution", None),
         "volume": scene.volume,
         "field": _field_text(task.fields),
+        "h_over_lambda": getattr(task.fields[0], "h_over_lambda", None) if task.fields else None,
+        "rtol": task.rtol,
         "degree": task.degree,
         "seed": task.seed,
         "precision": task.precision,

@@ -12,6 +12,7 @@ from sphtrunc import __version__
 #: command: its line in `sphtrunc --help`; the command itself is `command` in the module of its name
 COMMANDS = {
     "derive": "The truncation error of a kernel, exactly.",
+    "measure": "The discrete sums themselves, on particles.",
     "kernels": "The catalogue of kernels and their constants.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
 }

@@ -1,0 +1,234 @@
+"""sphtrunc measure: the discrete sums themselves, on particles."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from sphtrunc.cli import options
+from sphtrunc.operators import CORRECTIONS, OPERATORS
+from sphtrunc.output import emit
+
+_FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in forms))
+
+
+@click.command(name="measure")
+@options.kernel
+@options.dim
+@click.option(
+    "--operator",
+    type=click.Choice(list(OPERATORS)),
+    default="gradient",
+    show_default=True,
+    help="What is estimated.",
+)
+@click.option("--form", type=click.Choice(_FORMS), help="Form of the sum.  [default: A_b as it is]")
+@click.option(
+    "--correction",
+    type=click.Choice(CORRECTIONS),
+    default="none",
+    show_default=True,
+    help="Consistency correction.",
+)
+@click.option(
+    "--lattice",
+    "kind",
+    metavar="KIND",
+    help="uniform; square, hexagonal; cubic, bcc, fcc, hcp.  [default: uniform, square, cubic]",
+)
+@click.option("--dx-over-h", metavar="P/Q", help="Particle spacing over smoothing length.")
+@click.option(
+    "--offset",
+    metavar="P/Q",
+    default="0",
+    show_default=True,
+    help="Position of the lattice relative to the target, in Δx; x,y,z in space.",
+)
+@click.option("--jitter", metavar="SIGMA", help="Displace particles at random, σ/Δx an axis.")
+@click.option(
+    "--distribution",
+    type=click.Choice(("gaussian", "uniform", "blue")),
+    default="gaussian",
+    show_default=True,
+    help="Of the displacements.",
+)
+@click.option(
+    "--extent",
+    type=int,
+    default=1000,
+    show_default=True,
+    help="Particles along each axis of the scene.",
+)
+@click.option(
+    "--volume",
+    type=click.Choice(("constant", "cell", "summation")),
+    help="Volume of a particle: Δx^d, half-way to the neighbours (1D), or m/ρ.",
+)
+@click.option("--particles", metavar="FILE", help="Particles from .npz, .csv or .npy instead.")
+@click.option("--h", "length", metavar="H", help="Smoothing length, if the file has none.")
+@click.option("--period", metavar="L", help="Side of a periodic box, L or Lx,Ly,Lz.")
+@click.option("--h-over-lambda", metavar="X", help="Apply it to sinusoids of wavelength λ.")
+@click.option("--direction", metavar="X,Y,Z", help="Of the sinusoids.  [default: first axis]")
+@click.option(
+    "--field",
+    "spec",
+    metavar="SPEC",
+    help="sinusoid:h/λ, bump:width or 'polynomial:1 + 2 x^2 y' (lengths in h); values (of a file).",
+)
+@click.option("--moments", type=int, metavar="K", help="Measure discrete moments up to degree K.")
+@click.option("--targets", metavar="N", help="How many targets, or all.")
+@click.option("--rtol", type=float, help="As many targets as make the error known to this part.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
+@click.option(
+    "--precision",
+    type=click.Choice(("plain", "compensated", "extended", "exact")),
+    default="plain",
+    show_default=True,
+    help="How terms and sums are evaluated.",
+)
+@click.option("--bound", is_flag=True, help="Bound the rounding error rigorously.")
+@click.option("--workers", type=int, help="Threads; results do not depend on it.")
+@options.formats("text", "json", "csv")
+@options.output
+def command(**given: Any) -> int:
+    """Measure the truncation error of an SPH sum on particles.
+
+    \b
+    sphtrunc measure --kernel cubic-spline --dx-over-h 10/13
+    sphtrunc measure --kernel wendland-c2 --dim 3 --dx-over-h 0.6 --jitter 0.2 \\
+                     --correction csph --form difference --h-over-lambda 0.02 --rtol 0.01
+    sphtrunc measure --kernel cubic-spline --particles snapshot.npz --field values
+    """
+    from sphtrunc.experiment import measure
+
+    scene, values = _scene(given)
+    result = measure(
+        scene,
+        given["kernel"],
+        given["operator"],
+        _field(given, scene.dim, values),
+        form=given["form"],
+        correction=given["correction"],
+        moments=given["moments"],
+        targets=_targets(given["targets"]),
+        rtol=given["rtol"],
+        seed=given["seed"],
+        precision=given["precision"],
+        bound=given["bound"],
+        workers=given["workers"],
+        progress=_bar(),
+    )
+    render = {"text": result.to_text, "json": result.to_json, "csv": result.to_csv}
+    emit(render[given["format_"]](), given["output"])
+    return 130 if result.interrupted else 0
+
+
+def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
+    """The scene that the options ask for, and the values that came with the particles."""
+    from sphtrunc.scene import jittered, lattice
+
+    if given["particles"] is not None:
+        for name in ("kind", "dx_over_h", "jitter"):
+            if given[name] is not None:
+                option = "lattice" if name == "kind" else name.replace("_", "-")
+                raise ValueError(f"{option}: a file of particles has none; expected one or other")
+        return _read(given)
+    for name, option in (("length", "h"), ("period", "period")):
+        if given[name] is not None:
+            raise ValueError(f"{option}: belongs to --particles FILE; lattices have --dx-over-h")
+    if given["dx_over_h"] is None:
+        raise ValueError("dx-over-h: missing; expected a ratio such as 10/13, or --particles FILE")
+    offset = given["offset"]
+    made = lattice(
+        given["dim"],
+        given["kind"],
+        given["dx_over_h"],
+        offset.split(",") if "," in offset else offset,
+        volume=given["volume"] or "constant",
+        extent=given["extent"],
+    )
+    if given["jitter"] is None:
+        if given["volume"] == "cell":
+            raise ValueError("volume: cells of a lattice are Δx^d; expected constant, or --jitter")
+        return made, None
+    return jittered(made, given["jitter"], given["distribution"], given["seed"]), None
+
+
+def _read(given: dict[str, Any]) -> tuple[Any, Any]:
+    """Particles from a file: .npy (x), .npz (x, h, volume, mass, density, values) or .csv with a
+    header of x, y, z, h, volume, mass, density, values."""
+    from sphtrunc.particles import particles, read
+
+    columns: dict[str, Any] = dict(read(given["particles"]))
+    values = columns.pop("values", None)
+    h = columns.pop("h", None)
+    if given["length"] is not None:
+        from sphtrunc.scene import exact
+
+        h = float(exact(given["length"], "h"))
+    if h is None:
+        raise ValueError("h: the file has no smoothing length; expected --h H")
+    if given["volume"] is not None:
+        if given["volume"] == "constant":
+            raise ValueError("volume: of explicit particles: cell, summation or from the file")
+        columns = {"x": columns["x"], "volume": given["volume"]}
+    period = None
+    if given["period"] is not None:
+        from sphtrunc.scene import exact
+
+        sides = [float(exact(side, "period")) for side in given["period"].split(",")]
+        period = sides if len(sides) > 1 else sides[0]
+    return particles(columns.pop("x"), h=h, period=period, **columns), values
+
+
+def _field(given: dict[str, Any], dim: int, values: Any) -> Any:
+    from sphtrunc.fields import Values, field, sinusoid
+    from sphtrunc.scene import exact
+
+    spec = given["spec"]
+    if given["h_over_lambda"] is not None:
+        if spec is not None:
+            raise ValueError("field: got --field and --h-over-lambda, expected one of them")
+        along = given["direction"]
+        direction = along and [float(exact(n, "direction")) for n in along.split(",")]
+        return sinusoid(given["h_over_lambda"], direction, dim)
+    if given["direction"] is not None:
+        raise ValueError("direction: belongs to --h-over-lambda")
+    if spec == "values":
+        if values is None:
+            raise ValueError("field: no values in the file; expected a column 'values'")
+        return [Values(v) for v in values.T] if values.ndim == 2 else Values(values)
+    return None if spec is None else field(spec, dim)
+
+
+def _targets(text: str | None) -> Any:
+    if text is None or text == "all":
+        return text
+    if not text.isascii() or not text.isdigit() or len(text) > 12:
+        raise ValueError(f"targets: got {text[:40]!r}, expected a number or all")
+    return int(text)
+
+
+def _bar() -> Callable[[int, int], None] | None:
+    """A progress bar on a terminal, for runs of more than a second; none in a pipe."""
+    if not sys.stderr.isatty():
+        return None
+    started = time.monotonic()
+    bar: Any = None
+
+    def update(done: int, expected: int) -> None:
+        nonlocal bar
+        if bar is None:
+            if time.monotonic() - started < 1.0 or done >= expected:
+                return
+            bar = click.progressbar(length=expected, label="targets", file=sys.stderr)
+        bar.length = expected
+        bar.update(done - bar.pos)
+        if done >= expected:
+            bar.render_finish()
+
+    return update
