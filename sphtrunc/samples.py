@@ -352,3 +352,26 @@ def _kind(value: Any) -> str:
     if dtype is None:
         return f"an object of type {type(value).__name__}"
     return "integers" if dtype.kind in "iu" else f"an array of type {dtype}"
+
+
+def node_spacing(samples: Samples) -> float:
+    """The distance of nodes between which the callable is a straight line; 0 if it is not."""
+    if samples.function is None:
+        return 0.0
+    end, top = samples.support[1], float(np.max(np.abs(samples.w)))
+    q = (np.arange(256) + 0.37) / 257 * end
+    step = end * 2.0**-16
+    bend = np.abs(
+        samples.function(q - step, 1.0) - 2 * samples.function(q, 1.0) + samples.function(q + step, 1.0)
+    )
+    straight = bend < 16 * samples.unit * top
+    curved = np.abs(np.gradient(np.gradient(samples.w, samples.q), samples.q)) * step**2
+    if np.mean(straight) < 0.6 or np.mean(curved > 64 * samples.unit * top) < 0.3:
+        return 0.0
+    fine = np.linspace(0.2, 0.5, 40_001) * end
+    bend = np.abs(np.diff(samples.function(fine, 1.0), 2))
+    kinks = np.nonzero(bend > 64 * samples.unit * top)[0]
+    kinks = kinks[np.concatenate([[True], np.diff(kinks) > 2])]
+    if len(kinks) < 4:
+        return 0.0
+    return float(np.max(np.diff(kinks)) * (fine[1] - fine[0]))
