@@ -6,14 +6,16 @@ bounded      either of these with a radius: a rigorous bound of everything that 
 extended     pairs of floats: terms and sums to about 31 digits
 exact        50 digits and more, one target at a time
 
-An arithmetic makes numbers from arrays, and knows square roots, sines, kernels, sums and linear
+An arithmetic makes numbers from arrays, and knows lengths, sines, kernels, sums and linear
 systems; the numbers know + − × themselves. Sums run over axis 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -34,7 +36,8 @@ class Arithmetic(Protocol):
     """What the experiment asks of an arithmetic."""
 
     def number(self, high: Any, low: Any = None, error: Any = None) -> Any: ...
-    def sqrt(self, x: Any) -> Any: ...
+    def length(self, s: list[Any]) -> Any: ...
+    def directions(self, s: list[Any], q: Any) -> list[Any]: ...
     def sincos(self, x: Any) -> tuple[Any, Any]: ...
     def kernel(self, kernel: Kernel, q: Any, derivative: int, dim: int) -> Any: ...
     def total(self, x: Any) -> Any: ...
@@ -66,8 +69,15 @@ class Plain:
     def number(self, high: Any, low: Any = None, error: Any = None) -> Array:
         return np.asarray(high, dtype=np.float64)
 
-    def sqrt(self, x: Array) -> Array:
-        return np.asarray(np.sqrt(x))
+    def length(self, s: list[Array]) -> Array:
+        """|s|."""
+        if len(s) == 1:
+            return np.abs(s[0])
+        return np.asarray(np.sqrt(sum(x * x for x in s)))
+
+    def directions(self, s: list[Array], q: Array) -> list[Array]:
+        """s/|s|, and 0 where s is 0."""
+        return [np.sign(s[0])] if len(s) == 1 else [self.ratio(x, q) for x in s]
 
     def sincos(self, x: Array) -> tuple[Array, Array]:
         return np.sin(x), np.cos(x)
@@ -162,26 +172,37 @@ def _kernel(kernel: Kernel, q: Array, derivative: int, dim: int) -> Array:
 # --------------------------------------------------------------------------------- with a bound
 
 
-@dataclass(frozen=True, eq=False)
 class Ball:
-    """All numbers within `radius` of `middle`. The middles are what plain arithmetic gives; radii
-    are themselves rounded, for which SLACK makes up when they are read."""
+    """All numbers middle + Σ_i parts_i ε_i + rest·ε with |ε| <= 1 (affine arithmetic: Stolfi & de
+    Figueiredo 1997). Each sum over neighbours has an ε_i of its own, so that what the coefficients
+    of a correction take from it and what the moments take from it can cancel. The middles are what
+    plain arithmetic gives; radii are rounded themselves, for which SLACK makes up."""
 
-    middle: Any
-    radius: Any
     __array_ufunc__ = None
+    __slots__ = ("middle", "parts", "rest")
+
+    def __init__(self, middle: Any, rest: Any, parts: Mapping[int, Any] | None = None) -> None:
+        self.middle, self.rest, self.parts = middle, rest, parts or {}
+
+    @property
+    def radius(self) -> Any:
+        """The largest distance from the middle."""
+        return sum((np.abs(c) for c in self.parts.values()), self.rest)
 
     def __add__(self, other: Any) -> Ball:
         if isinstance(other, int) and other == 0:
             return self
         other = _ball(other)
         middle = self.middle + other.middle
-        return Ball(middle, self.radius + other.radius + UNIT * np.abs(middle))
+        parts = dict(self.parts)
+        for i, c in other.parts.items():
+            parts[i] = parts[i] + c if i in parts else c
+        return Ball(middle, self.rest + other.rest + UNIT * np.abs(middle), parts)
 
     __radd__ = __add__
 
     def __neg__(self) -> Ball:
-        return Ball(-self.middle, self.radius)
+        return Ball(-self.middle, self.rest, {i: -c for i, c in self.parts.items()})
 
     def __sub__(self, other: Any) -> Ball:
         return self.__add__(-_ball(other))
@@ -191,14 +212,26 @@ class Ball:
 
     def __mul__(self, other: Any) -> Ball:
         if isinstance(other, int) and other in (1, 2, -1, -2):
-            return Ball(self.middle * other, self.radius * abs(other))
+            parts = {i: c * other for i, c in self.parts.items()}
+            return Ball(self.middle * other, self.rest * abs(other), parts)
         other = _ball(other)
         middle = self.middle * other.middle
-        radius = np.abs(self.middle) * other.radius + np.abs(other.middle) * self.radius
-        radius = radius + self.radius * other.radius + UNIT * np.abs(middle) + TINY
-        return Ball(middle, radius)
+        rest = np.abs(self.middle) * other.rest + np.abs(other.middle) * self.rest
+        rest = rest + self.radius * other.radius + UNIT * np.abs(middle) + TINY
+        parts = {i: c * other.middle for i, c in self.parts.items()}
+        for i, c in other.parts.items():
+            parts[i] = parts[i] + self.middle * c if i in parts else self.middle * c
+        return Ball(middle, rest, parts)
 
     __rmul__ = __mul__
+
+
+_symbols = count()
+
+
+def _fresh(middle: Any, radius: Any) -> Ball:
+    """A ball with an ε of its own."""
+    return Ball(middle, np.zeros_like(radius), {next(_symbols): radius})
 
 
 SLACK = 1.0 + 1e-9
@@ -221,13 +254,22 @@ class Bounded:
         radius = np.zeros_like(middle) if error is None else np.broadcast_to(error, middle.shape)
         return Ball(middle, radius)
 
-    def sqrt(self, x: Ball) -> Ball:
-        """√x: error r/√x, or √r near 0."""
-        root = np.sqrt(x.middle)
-        low = np.sqrt(np.maximum(x.middle - x.radius, 0.0))
-        width = np.sqrt(x.middle + x.radius) - low + 4.0 * UNIT * root
-        relative = x.radius / np.maximum(root + low, 1e-300) + UNIT * root
-        return Ball(root, np.where(x.radius == 0.0, UNIT * root, np.minimum(width, relative)))
+    def length(self, s: list[Ball]) -> Ball:
+        """|s|: off by at most the length of the radii, and by the roundings of the formula."""
+        middle = self.base.length([x.middle for x in s])
+        if len(s) == 1:
+            return Ball(middle, s[0].radius)
+        radius = np.sqrt(sum(x.radius * x.radius for x in s))
+        return Ball(middle, radius * SLACK + (0.5 * len(s) + 1.5) * UNIT * middle)
+
+    def directions(self, s: list[Ball], q: Ball) -> list[Ball]:
+        """Whatever the error, components of a unit vector are off by 2 at most."""
+        if len(s) == 1:
+            sure = np.abs(s[0].middle) > s[0].radius
+            sure |= (s[0].middle == 0.0) & (s[0].radius == 0.0)
+            return [Ball(np.sign(s[0].middle), np.where(sure, 0.0, 2.0))]
+        found = [self.ratio(x, q) for x in s]
+        return [Ball(e.middle, np.minimum(e.radius, 2.0)) for e in found]
 
     def sincos(self, x: Ball) -> tuple[Ball, Ball]:
         sine, cosine = self.base.sincos(x.middle)
@@ -239,7 +281,7 @@ class Bounded:
     def kernel(self, kernel: Kernel, q: Ball, derivative: int, dim: int) -> Ball:
         """The rounding of the evaluation, and the slope times the radius of q."""
         value = self.base.kernel(kernel, q.middle, derivative, dim)
-        own = (16.0 if kernel.degree > 11 else 8.0) * UNIT * np.abs(value) + TINY
+        own = (8.0 if kernel.degree > 11 else 4.0) * SLACK * UNIT * np.abs(value) + TINY
         right = q.middle + q.radius * SLACK
         left = np.maximum(q.middle - q.radius * SLACK, 0.0)
         slope = np.maximum(
@@ -263,7 +305,7 @@ class Bounded:
             error = sm.compensated_dot_error(x.middle.shape[0], value, size)
         else:
             error = sm.total_error(x.middle)
-        return Ball(value, sm.total(x.radius) + error)
+        return _fresh(value, sm.total(x.radius) + error)
 
     def dot(self, x: Ball, y: Ball) -> Ball:
         if not isinstance(self.base, Compensated):
@@ -272,7 +314,7 @@ class Bounded:
         value = self.base.dot(a, b)
         size = sm.total(np.abs(a * b)) * SLACK
         carried = sm.total(np.abs(a) * s + np.abs(b) * r + r * s)
-        return Ball(value, carried + sm.compensated_dot_error(a.shape[0], value, size))
+        return _fresh(value, carried + sm.compensated_dot_error(a.shape[0], value, size))
 
     def ratio(self, x: Ball, y: Ball) -> Ball:
         """x/y, and 0 where y is exactly 0."""
@@ -287,39 +329,45 @@ class Bounded:
         return Ball(np.where(where, 0.0, x.middle), np.where(where, 0.0, x.radius))
 
     def solve(self, matrix: Any, columns: Any, health: Health) -> Any:
-        """For every A' and B' in the balls A and B: A'(X' − X) = B' − A'X, and with R near the
-        inverse and ‖I − RA'‖ <= e < 1 in the row-sum norm (Rump 2010,
-        doi:10.1017/S096249291000005X, section 10), |X' − X| <= |R||B' − A'X| + e/(1 − e) max."""
-        a, b = _stacked(_middles(matrix)), _stacked(_middles(columns))
-        ra, rb = _stacked(_radii(matrix)), _stacked(_radii(columns))
+        """For every A' and B' in the balls A and B: A'(X' − X) = B' − A'X. With R near the inverse
+        the part of it that is linear in the ε_i is R(B_i − A_i X); all else is at most
+        |R||rest| + e/(1 − e) max |R||B' − A'X| where ‖I − RA'‖ <= e < 1 in the row-sum norm (Rump 2010, doi:10.1017/S096249291000005X, section 10)."""
+        matrix = [[_ball(x) for x in row] for row in matrix]
+        columns = [[_ball(x) for x in row] for row in columns]
+        a, b = _stacked(_each(matrix, "middle")), _stacked(_each(columns, "middle"))
+        ra, rb = _stacked(_each(matrix, "rest")), _stacked(_each(columns, "rest"))
+        wide = _stacked(_each(matrix, "radius"))
         scaled = _Scaled(a, health)
         x, inverse = scaled.solve(b), scaled.inverse()
         n = a.shape[1]
-        size = np.abs(inverse)
         gamma = sm.gamma(2 * n + 4)
-        rest = np.abs(b - a @ x) + gamma * (np.abs(b) + np.abs(a) @ np.abs(x))
-        rest = rest + rb + ra @ np.abs(x)
-        first = size @ rest
-        off = np.abs(np.eye(n) - inverse @ a) + size @ ra + gamma * (np.eye(n) + size @ np.abs(a))
-        e = off.sum(axis=2).max(axis=1) * SLACK
+        rounding = np.abs(b - a @ x) + gamma * (np.abs(b) + np.abs(a) @ np.abs(x))
+        rest = np.abs(inverse) @ (rounding + rb + ra @ np.abs(x))
+        parts, linear = {}, np.zeros_like(rest)
+        for i in dict.fromkeys(i for row in (*matrix, *columns) for one in row for i in one.parts):
+            moved = _stacked([[one.parts.get(i, 0.0) for one in row] for row in columns])
+            moved = moved - _stacked([[one.parts.get(i, 0.0) for one in row] for row in matrix]) @ x
+            parts[i] = inverse @ moved
+            linear += np.abs(parts[i])
+        off = np.abs(np.eye(n) - inverse @ a) + gamma * (np.eye(n) + np.abs(inverse) @ np.abs(a))
+        e = (off + np.abs(inverse) @ wide).sum(axis=2).max(axis=1) * SLACK
         safe = np.where(e < 1.0, e, 0.0)
-        spread = (safe / (1.0 - safe))[:, None, None] * first.max(axis=1, keepdims=True)
-        radius = np.where((e < 1.0)[:, None, None], (first + spread) * SLACK, np.inf)
+        spread = (safe / (1.0 - safe))[:, None, None] * (rest + linear).max(axis=1, keepdims=True)
+        radius = np.where((e < 1.0)[:, None, None], (rest + spread) * SLACK, np.inf)
         return [
-            [Ball(m, r) for m, r in zip(ms, rs, strict=True)]
-            for ms, rs in zip(_rows(x), _rows(radius), strict=True)
+            [
+                Ball(x[:, i, j], radius[:, i, j], {k: c[:, i, j] for k, c in parts.items()})
+                for j in range(x.shape[2])
+            ]
+            for i in range(n)
         ]
 
     def value(self, x: Any) -> Array:
         return self.base.value(_ball(x).middle)
 
 
-def _middles(rows: Any) -> Any:
-    return [[_ball(x).middle for x in row] for row in rows]
-
-
-def _radii(rows: Any) -> Any:
-    return [[_ball(x).radius for x in row] for row in rows]
+def _each(rows: Any, name: str) -> Any:
+    return [[getattr(x, name) for x in row] for row in rows]
 
 
 @lru_cache(maxsize=128)
@@ -385,8 +433,12 @@ class Extended:
         high = np.asarray(high, dtype=np.float64)
         return Pair(high, np.zeros_like(high) if low is None else np.asarray(low))
 
-    def sqrt(self, x: Pair) -> Pair:
-        return Pair(*sm.dd_sqrt((x.high, x.low)))
+    def length(self, s: list[Pair]) -> Pair:
+        square = sum((x * x for x in s[1:]), s[0] * s[0])
+        return Pair(*sm.dd_sqrt((square.high, square.low)))
+
+    def directions(self, s: list[Pair], q: Pair) -> list[Pair]:
+        return [self.ratio(x, q) for x in s]
 
     def sincos(self, x: Pair) -> tuple[Pair, Pair]:
         """Taylor's series of x/2^8, then doubled eight times: sin 2y = 2 sin y cos y and
@@ -520,10 +572,15 @@ class Exact:
 
         return np.frompyfunc(convert, 1, 1)(np.asarray(high, dtype=object))
 
-    def sqrt(self, x: Any) -> Any:
+    def length(self, s: list[Any]) -> Any:
         from mpmath import mp
 
-        return np.frompyfunc(mp.sqrt, 1, 1)(x)
+        if len(s) == 1:
+            return np.abs(s[0])
+        return np.frompyfunc(mp.sqrt, 1, 1)(sum(x * x for x in s))
+
+    def directions(self, s: list[Any], q: Any) -> list[Any]:
+        return [self.ratio(x, q) for x in s]
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
         from mpmath import mp

@@ -52,7 +52,7 @@ def estimate(
     vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
     """
     dim = len(s)
-    q = number.sqrt(sum(s_i * s_i for s_i in s))
+    q = number.length(s)
     terms = _terms(number, s, q, volume, kernel, operator, stretch)
     zero = unit(dim, 0, 0)
     monomials: dict[MultiIndex, Any] = {}
@@ -135,7 +135,7 @@ def _terms(
     axes: list[Any] = []
     if order:
         slope = -kernel_term(number, kernel, argument, 1, dim, weight, stretch)
-        axes = [_within_one(number.ratio(s_i, q)) for s_i in s]
+        axes = number.directions(s, q)
     for term in needed:
         if term in (BROOKSHAW, FATEHI_MANZARI):
             terms[term] = number.ratio(slope, q)
@@ -159,11 +159,6 @@ def kernel_term(
         for _ in range(derivative):
             value = value * number.number(stretch)
     return value
-
-
-def _within_one(e: Any) -> Any:
-    """Components of a unit vector: whatever the error, they are off by 2 at most."""
-    return Ball(e.middle, np.minimum(e.radius, 2.0)) if isinstance(e, Ball) else e
 
 
 def _second(

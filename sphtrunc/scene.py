@@ -121,10 +121,11 @@ class Lattice:
     ) -> Neighbourhood:
         """The stencil, (d, N, 1). Offsets are exact numbers rounded once."""
         m = _stencil(self, kernel)
-        s, low = _positions(self, m, self.dx_over_h, extended)
+        s, low = _positions(self, m, self.dx_over_h, extended or errors)
+        rest = None if low is None else low[:, :, None]
         volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
         hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
-        error: Array | None = np.abs(lo)
+        error: Array | None = np.abs(lo) * _EDGE
         if self.volume == "summation":
             home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
             around, _ = _positions(home, _stencil(home, kernel), self.dx_over_h)
@@ -134,9 +135,9 @@ class Lattice:
             offset=s[:, :, None],
             volume=hi,
             target=target,
-            offset_low=None if low is None else low[:, :, None],
+            offset_low=rest if extended else None,
             volume_low=lo if extended else None,
-            offset_error=UNIT * np.abs(s[:, :, None]) if errors else None,
+            offset_error=np.abs(rest) * _EDGE if errors and rest is not None else None,
             volume_error=error if errors else None,
         )
 
@@ -601,7 +602,7 @@ def _assemble(
     kept = compact(near, arrays, 2.0 * support + 1.0)
     volume = kept.get("volume", np.full((1, 1), constant[0]))
     volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
-    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low))
+    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low) * _EDGE)
     packed = np.stack([kept[f"s{i}"] for i in range(dim)])
     if volume_rule == "summation":
         wide = distance <= (2.0 * support * _EDGE) ** 2
