@@ -102,7 +102,9 @@ class Audit:
         return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
 
 
-MARKDOWN_HEAD = "| subject | dim | kernel | support | integral | finding |\n|---|---|---|---|---|---|"
+MARKDOWN_HEAD = (
+    "| subject | dim | kernel | support | integral | finding |\n|---|---|---|---|---|---|"
+)
 
 
 def _signs(report: Audit) -> str:
@@ -351,9 +353,9 @@ def _described(
 
 
 def _shown(match: Match) -> str:
-    if isinstance(match.integral, Expr):
+    value = float(slips.number_of(match.integral))
+    if isinstance(match.integral, Expr) and not match.integral_error:
         return str(match.integral)
-    value = float(match.integral)
     if abs(value - 1) <= match.integral_error:
         return f"1 (to {max(match.integral_error, 1e-16):.0e})"
     return f"{value:.12g}"

@@ -6,6 +6,7 @@ decimal of five or more significant digits stands for every number that rounds t
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
@@ -216,6 +217,34 @@ class Identification:
     form: Expr | None
     candidates: tuple[Candidate, ...]
 
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "schema": "sphtrunc.identify/1",
+            "text": self.text,
+            "value": self.value,
+            "form": None if self.form is None else str(self.form),
+            "candidates": [
+                {**vars(c), "exact": str(c.exact), "ratio": str(c.ratio)} for c in self.candidates
+            ],
+        }
+
+    def to_json(self) -> str:
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False)
+
+    def to_text(self) -> str:
+        form = "no simple exact form" if self.form is None else str(self.form)
+        lines = [f"{self.text} = {form}" if form != self.text else self.text]
+        if not self.candidates:
+            lines.append("  no constant of the catalogue is this or near it")
+        for c in self.candidates:
+            what = f"{c.kernel} in {c.dim}D, {c.convention}, {c.meaning}"
+            lines.append(
+                f"  is    {c.exact}: {what}"
+                if c.match
+                else f"  near  {c.exact}: {what}; ratio {c.ratio}"
+            )
+        return "\n".join(lines)
+
 
 def identify(text: str, most: int = 12) -> Identification:
     """Recognise a kernel's constant: which kernel, dimension and convention it belongs to.
@@ -317,9 +346,7 @@ def _parser() -> Lark:
             if isinstance(children[0], tuple):
                 children = ["+", *children]
             signs, terms = [str(s) for s in children[::2]], children[1::2]
-            return (
-                terms[0] if signs == ["+"] else ("sum", *zip(signs, terms, strict=True))
-            )
+            return terms[0] if signs == ["+"] else ("sum", *zip(signs, terms, strict=True))
 
         def product(self, children: list[Any]) -> Any:
             if len(children) == 1:

@@ -99,8 +99,10 @@ def constant_slips(match: Match, dim: int) -> Iterator[tuple[str, str, Any]]:
     if isinstance(shape, Kernel):
         yield from _misprinted(shape, dim)
     for power in (1, -1, 2, -2):
-        yield FACTOR_PI, f"a factor π^{power} too many" if power != 1 else "a factor π too many", (
-            pi**power
+        yield (
+            FACTOR_PI,
+            f"a factor π^{power} too many" if power != 1 else "a factor π too many",
+            (pi**power),
         )
     if dim != 1:
         yield HALF_RANGE, "the constant comes from half the range: twice the right one", 2
@@ -172,7 +174,7 @@ def _kernel_slips(
                     f"a factor {kappa}^{power} too many, the support to the power {power}",
                     kappa**power,
                 )
-    radial = {n: kernel._radial(kernel.pieces, n) for n in (0, 1, 2)}  # noqa: SLF001
+    radial = {n: kernel._radial(kernel.pieces, n) for n in (0, 1, 2)}
     for surface in (1, 2, 3):
         for power in (0, 1, 2):
             if (surface, power) != (dim, dim - 1) and radial[power] and radial[dim - 1]:
@@ -242,6 +244,8 @@ def explain_constant(match: Match, dim: int) -> Fault | None:
 
 def expected_constant(match: Match, dim: int) -> str:
     """The exact constant of the shape as the catalogue (or the author's formula) writes it."""
+    if match.written is not None:
+        return f"{match.written.normalisation(dim)}"
     shape = match.shape
     right = shape.normalisation(dim)
     if isinstance(shape, Analytic):
@@ -417,7 +421,9 @@ def _constant_ratio(dw: Array, right: Array, noise: Array, extra: Array) -> floa
     factor = float(dw @ right) / norm
     if not factor:
         return None
-    return factor if np.all(np.abs(dw - factor * right) <= 2 * (abs(factor) * noise + extra)) else None
+    return (
+        factor if np.all(np.abs(dw - factor * right) <= 2 * (abs(factor) * noise + extra)) else None
+    )
 
 
 def _factor_of_derivative(match: Match, dim: int, factor: float, kind: str, words: str) -> Fault:
@@ -425,13 +431,13 @@ def _factor_of_derivative(match: Match, dim: int, factor: float, kind: str, word
     shown = recognise(factor, error)
     by = f"{shown if shown is not None else f'{factor:.10g}'}"
     if kind == MISSING_Q:
-        return Fault(MISSING_Q, words if abs(factor - 1) < error else f"{words}; also a factor {by}")
+        return Fault(
+            MISSING_Q, words if abs(factor - 1) < error else f"{words}; also a factor {by}"
+        )
     lead = f"dW is {by} times the derivative of W"
     whole = float(number_of(match.integral))
     if abs(factor * whole - 1) < error:
-        return Fault(
-            WRONG_CONSTANT, f"{lead}: it carries the right constant, which W does not", ()
-        )
+        return Fault(WRONG_CONSTANT, f"{lead}: it carries the right constant, which W does not", ())
     if abs(factor + 1) < error:
         return Fault(SIGN, f"{lead}: the sign is wrong")
     kappas = {match.support, float(match.shape.support) if isinstance(match.shape, Kernel) else 1.0}
@@ -456,9 +462,7 @@ def _other_slopes(match: Match) -> Iterator[tuple[str, Kernel | Analytic, float]
             yield shape.name, shape, 1.0 if shape.name == "gaussian" else 1 / match.support
 
 
-def _shifted(
-    match: Match, samples: Samples, x: Array, dw: Array, extra: Array
-) -> Fault | None:
+def _shifted(match: Match, samples: Samples, x: Array, dw: Array, extra: Array) -> Fault | None:
     """The derivative of the same kernel for another meaning of h."""
     if not isinstance(match.shape, Kernel):
         return None
@@ -481,9 +485,7 @@ def _shifted(
     return None
 
 
-def _termwise(
-    match: Match, samples: Samples, x: Array, dw: Array, right: Array
-) -> Fault:
+def _termwise(match: Match, samples: Samples, x: Array, dw: Array, right: Array) -> Fault:
     """Which terms of the derivative are wrong, if it is a piecewise polynomial at all."""
     worst = int(np.argmax(np.abs(dw - right)))
     where = f"largest at q = {x[worst]:.4g}: {dw[worst]:.6g} where W′ is {right[worst]:.6g}"
@@ -509,8 +511,6 @@ def _termwise(
                     f"dW is not the derivative of W: {listed} (u = q/κ, {where})",
                 )
     return Fault(WRONG_DERIVATIVE, f"dW is not the derivative of W, {where}")
-
-
 
 
 def explain_truncation(match: Match, dim: int) -> Fault | None:

@@ -93,6 +93,7 @@ class Match:
     integral: Any
     integral_error: float
     unit: float
+    written: Kernel | None = None  # as its author wrote it, where that is known
 
     @property
     def name(self) -> str:
@@ -275,9 +276,7 @@ def _fit_support(
         orthogonal, triangle = np.linalg.qr(rows)
         if not abs(np.prod(np.diag(triangle))) > 0:
             return None
-        change = np.linalg.solve(
-            triangle, orthogonal.T @ ((y - amplitude * shape) / noise)
-        )
+        change = np.linalg.solve(triangle, orthogonal.T @ ((y - amplitude * shape) / noise))
         inverse = np.linalg.inv(triangle)
         spread = float(16 * np.sqrt(np.sum(inverse[1] ** 2)))
         support *= 1 + float(np.clip(change[1], -0.1, 0.1))
@@ -336,9 +335,7 @@ def compare(
     integral = _integral(kernel, amplitude, ratio, dim)
     total = error + dim * support_error
     scale = float(1 / ratio)
-    return Match(
-        kernel, False, support, support_error, amplitude, scale, integral, total, unit
-    )
+    return Match(kernel, False, support, support_error, amplitude, scale, integral, total, unit)
 
 
 def _integral(kernel: Kernel, amplitude: float, ratio: Fraction, dim: int) -> Any:
@@ -396,8 +393,10 @@ def _analytic(samples: Samples, dim: int, unit: float) -> Match | None:
         amplitude = float(np.median((y / model)[: max(4, len(q) // 3)]))
         argument = (q * scale) ** 2 if shape.name == "gaussian" else np.full_like(q, 8.0)
         spare = 1e-12 if shape.name == "gaussian" and scale not in (1.0,) else 0.0
-        noise = abs(amplitude) * ((16 + 4 * argument) * 2 * unit + spare) * (
-            np.abs(model) * (1 + argument) if shape.name == "gaussian" else 8.0
+        noise = (
+            abs(amplitude)
+            * ((16 + 4 * argument) * 2 * unit + spare)
+            * (np.abs(model) * (1 + argument) if shape.name == "gaussian" else 8.0)
         )
         if np.any(np.abs(y - amplitude * model) > noise + 2 * error + 5e-324):
             continue
@@ -423,10 +422,11 @@ def exact_match(kernel: Kernel, constant: Expr, error: float, dim: int) -> Match
         if same_shape(known, kernel):
             one = known.support / kernel.support
             factor = _top(kernel) / _top(known)
+            size = amplitude * float(factor)
             return Match(
-                known, True, support, 0.0, amplitude * float(factor), float(one), integral, error, DOUBLE
+                known, True, support, 0.0, size, float(one), integral, error, DOUBLE, kernel
             )
-    return Match(kernel, False, support, 0.0, amplitude, 1.0, integral, error, DOUBLE)
+    return Match(kernel, False, support, 0.0, amplitude, 1.0, integral, error, DOUBLE, kernel)
 
 
 def same_shape(a: Kernel, b: Kernel) -> bool:

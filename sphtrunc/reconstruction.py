@@ -43,9 +43,7 @@ def values(
 ) -> Array:
     """The piecewise polynomial at fixed-point points, in integer arithmetic, rounded once."""
     ends = [(int(k.p) << BITS) // int(k.q) for k in knots[1:]]
-    tables = [
-        [(int(c.p) << BITS) // int(c.q) for c in piece.all_coeffs()] for piece in pieces
-    ]
+    tables = [[(int(c.p) << BITS) // int(c.q) for c in piece.all_coeffs()] for piece in pieces]
     one = 1 << BITS
     result = np.full(len(points), outside)
     for i, point in enumerate(points):
@@ -164,7 +162,9 @@ def _pieces(
             return None
         size, piece = exact
         if pieces:
-            knots.append(_knot(piece - pieces[-1], *map(float, (u[reached], u[start], u[start - 1]))))
+            knots.append(
+                _knot(piece - pieces[-1], *map(float, (u[reached], u[start], u[start - 1])))
+            )
         pieces.append(piece)
         off = ~_near(piece, u[start:], y[start:], size, unit)
         reached, start = clean - 1, start + (int(np.argmax(off)) if off.any() else len(off))

@@ -179,7 +179,7 @@ def from_callable(
         return values * h**dim if "h" in names else values
 
     low, high = _edge(scaled) if support is None else (support, support)
-    if call._scalar:  # noqa: SLF001
+    if call._scalar:
         points = min(points, 500)
     spread = (np.arange(points) + 0.5) / points
     edge = 1 - 2.0 ** -np.arange(2.0, 12.0)
@@ -362,7 +362,9 @@ def node_spacing(samples: Samples) -> float:
     q = (np.arange(256) + 0.37) / 257 * end
     step = end * 2.0**-16
     bend = np.abs(
-        samples.function(q - step, 1.0) - 2 * samples.function(q, 1.0) + samples.function(q + step, 1.0)
+        samples.function(q - step, 1.0)
+        - 2 * samples.function(q, 1.0)
+        + samples.function(q + step, 1.0)
     )
     straight = bend < 16 * samples.unit * top
     curved = np.abs(np.gradient(np.gradient(samples.w, samples.q), samples.q)) * step**2

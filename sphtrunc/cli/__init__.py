@@ -15,6 +15,9 @@ COMMANDS = {
     "measure": "The discrete sums themselves, on particles.",
     "kernels": "The catalogue of kernels and their constants.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
+    "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
+    "identify": "Recognise a constant: which kernel, dimension and convention.",
+    "export": "Golden values of a kernel for the tests of other codes.",
 }
 
 

@@ -1,0 +1,26 @@
+"""sphtrunc identify: recognise a kernel's constant."""
+
+from __future__ import annotations
+
+import click
+
+from sphtrunc.cli import options
+from sphtrunc.constants import identify
+from sphtrunc.output import emit
+
+
+@click.command(name="identify")
+@click.argument("constant")
+@options.formats("text", "json")
+@options.output
+def command(constant: str, format_: str, output: str | None) -> None:
+    """Recognise a constant: its exact form, the kernel it belongs to, and near misses.
+
+    CONSTANT is a decimal or an expression in pi.
+
+    \b
+    sphtrunc identify 0.0026599711937
+    sphtrunc identify '15/(7*pi)'
+    """
+    found = identify(constant)
+    emit(found.to_json() if format_ == "json" else found.to_text(), output)
