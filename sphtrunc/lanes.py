@@ -1,0 +1,364 @@
+"""Lanes: eight targets side by side in one SIMD vector, inside functions compiled by Numba.
+
+The pair formula is ordinary Python. When Numba compiles `add_pair`, the formula runs once on
+`Lanes`, numbers that emit instructions instead of computing: what comes out is straight-line vector
+code for exactly the sums of a plan, all of it in registers. A lane never sees another one, so the
+order of every sum is the order of the loop, whatever the width of the machine's vectors.
+
+Products and sums may be fused (one rounding in place of two); nothing is ever reassociated.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import (
+    NativeValue,
+    intrinsic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+
+from sphtrunc.pairs import UNIT, Bounded, BoundedNumbers, Ends, Plan, contributions
+
+WIDTH = 8
+_DOUBLE = ir.DoubleType()
+_VECTOR = ir.VectorType(_DOUBLE, WIDTH)
+_FUSE = ("contract",)
+
+
+class PlanType(types.Type):  # type: ignore[misc]
+    """Each plan is a type of its own: a loop is compiled, and cached, for a plan."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        super().__init__(name=f"Plan({sha256(repr(plan).encode()).hexdigest()[:32]})")
+
+
+class LanesType(types.Type):  # type: ignore[misc]
+    def __init__(self) -> None:
+        super().__init__(name=f"Lanes({WIDTH})")
+
+
+lanes_type = LanesType()
+
+
+@register_model(PlanType)
+class _PlanModel(models.OpaqueModel):  # type: ignore[misc]
+    pass
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _VECTOR)
+
+
+@typeof_impl.register(Plan)
+def _typeof_plan(value: Plan, context: Any) -> PlanType:
+    return PlanType(value)
+
+
+@unbox(PlanType)
+def _unbox_plan(typ: PlanType, obj: Any, c: Any) -> NativeValue:
+    return NativeValue(c.context.get_dummy_value())
+
+
+class Lanes:
+    """A vector of doubles, or one double that all lanes share, while code is being emitted."""
+
+    __slots__ = ("builder", "value", "wide")
+
+    def __init__(self, builder: Any, value: Any, wide: bool) -> None:
+        self.builder, self.value, self.wide = builder, value, wide
+
+    def _pair(self, other: Any) -> tuple[Any, Any, bool]:
+        if not isinstance(other, Lanes):
+            other = Lanes(self.builder, ir.Constant(_DOUBLE, float(other)), False)
+        if self.wide == other.wide:
+            return self.value, other.value, self.wide
+        return self.spread(), other.spread(), True
+
+    def spread(self) -> Any:
+        """The value in every lane."""
+        if self.wide:
+            return self.value
+        if isinstance(self.value, ir.Constant):
+            return ir.Constant(_VECTOR, [self.value] * WIDTH)
+        first = self.builder.insert_element(
+            ir.Constant(_VECTOR, ir.Undefined), self.value, ir.Constant(ir.IntType(32), 0)
+        )
+        order = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
+        return self.builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), order)
+
+    def _op(self, name: str, other: Any, swap: bool = False, flags: tuple[str, ...] = _FUSE) -> Any:
+        a, b, wide = self._pair(other)
+        if swap:
+            a, b = b, a
+        return Lanes(self.builder, getattr(self.builder, name)(a, b, flags=flags), wide)
+
+    def __add__(self, other: Any) -> Lanes:
+        return self._op("fadd", other)  # type: ignore[no-any-return]
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Lanes:
+        return self._op("fsub", other)  # type: ignore[no-any-return]
+
+    def __rsub__(self, other: Any) -> Lanes:
+        return self._op("fsub", other, swap=True)  # type: ignore[no-any-return]
+
+    def __mul__(self, other: Any) -> Lanes:
+        return self._op("fmul", other)  # type: ignore[no-any-return]
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Lanes:
+        return self._op("fdiv", other)  # type: ignore[no-any-return]
+
+    def strictly(self, name: str, other: Any) -> Lanes:
+        """The operation, never fused with another."""
+        return self._op(name, other, flags=())  # type: ignore[no-any-return]
+
+
+class LaneNumbers:
+    """The functions of the pair formula for lanes."""
+
+    def __init__(self, builder: Any) -> None:
+        self.builder = builder
+
+    def constant(self, c: float) -> Lanes:
+        return Lanes(self.builder, ir.Constant(_DOUBLE, float(c)), False)
+
+    def _lanes(self, x: Any) -> Lanes:
+        return x if isinstance(x, Lanes) else self.constant(x)
+
+    def _call(self, name: str, *arguments: Any) -> Lanes:
+        values = [self._lanes(a).spread() for a in arguments]
+        kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(values))
+        function = cgutils.get_or_insert_function(
+            self.builder.module, kind, f"llvm.{name}.v{WIDTH}f64"
+        )
+        return Lanes(self.builder, self.builder.call(function, values), True)
+
+    def sqrt(self, x: Any) -> Lanes:
+        return self._call("sqrt", x)
+
+    def size(self, x: Any) -> Lanes:
+        return self._call("fabs", x)
+
+    def _select(self, compare: str, a: Any, b: Any, yes: Any, no: Any) -> Lanes:
+        chosen = self.builder.fcmp_ordered(
+            compare, self._lanes(a).spread(), self._lanes(b).spread()
+        )
+        value = self.builder.select(chosen, self._lanes(yes).spread(), self._lanes(no).spread())
+        return Lanes(self.builder, value, True)
+
+    def larger(self, a: Any, b: Any) -> Lanes:
+        return self._select(">", a, b, a, b)
+
+    def smaller(self, a: Any, b: Any) -> Lanes:
+        return self._select("<", a, b, a, b)
+
+    def positive(self, x: Any) -> Lanes:
+        return self.larger(x, 0.0)
+
+    def others(self, squares: Any, x: Any) -> Lanes:
+        return self._select(">", squares, 0.0, x, 0.0)
+
+    def within(self, x: Any, edge: float) -> Lanes:
+        return self._select("<=", x, edge, 1.0, 0.0)
+
+    def pick(self, x: Any, knot: float, inner: Any, outer: Any, mean: float | None) -> Lanes:
+        value = self._select("<", x, knot, inner, outer)
+        return value if mean is None else self._select("==", x, knot, mean, value)
+
+
+# ------------------------------------------------------------------ what a compiled loop may call
+
+
+def rows(plan: Plan) -> tuple[int, int, int]:
+    """Rows of the source array (x, low, V, A, 1/h), of the target buffer (x, low, 1/h, A) and of
+    the sums (themselves, their compensations, their bounds)."""
+    places = plan.dim * (2 if plan.low else 1)
+    own = plan.fields if plan.difference else 0
+    per_term = 1 + int(plan.compensated) + int(plan.bound)
+    sources = places + 1 + plan.fields + int(plan.mode != "one")
+    return sources, places + 1 + own, per_term * len(plan.terms)
+
+
+def _accumulators(plan: Plan) -> Any:
+    return types.UniTuple(lanes_type, rows(plan)[2])
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def empty_sums(typing_context: Any, plan: Any) -> Any:
+    """Zero in every sum of the plan."""
+    kind = _accumulators(plan.plan)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(_VECTOR, [0.0] * WIDTH)
+        return context.make_tuple(builder, kind, [zero] * len(kind))
+
+    return kind(plan), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_targets(typing_context: Any, plan: Any, buffer: Any) -> Any:
+    """The rows of a (rows, WIDTH) buffer as lanes."""
+    kind = types.UniTuple(lanes_type, rows(plan.plan)[1])
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[1])(context, builder, arguments[1]).data
+        values = [_load(builder, data, i * WIDTH) for i in range(len(kind))]
+        return context.make_tuple(builder, kind, values)
+
+    return kind(plan, buffer), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_sums(typing_context: Any, plan: Any, sums: Any, buffer: Any) -> Any:
+    """Write the sums into a (rows, WIDTH) buffer."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[2])(context, builder, arguments[2]).data
+        for i, value in enumerate(cgutils.unpack_tuple(builder, arguments[1])):
+            place = builder.gep(data, [ir.Constant(ir.IntType(64), i * WIDTH)])
+            builder.store(value, builder.bitcast(place, _VECTOR.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    return types.void(plan, sums, buffer), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def add_pair(typing_context: Any, plan: Any, sums: Any, targets: Any, sources: Any, j: Any) -> Any:
+    """The sums with what particle j, column j of the (rows, n) sources, adds to eight targets."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[3])(context, builder, arguments[3])
+        stride = builder.extract_value(array.strides, 0)
+        column = builder.mul(arguments[4], ir.Constant(ir.IntType(64), 8))
+        start = builder.ptrtoint(array.data, ir.IntType(64))
+        start = builder.add(start, column)
+        n_source = rows(plan.plan)[0]
+        source = []
+        for i in range(n_source):
+            place = builder.add(start, builder.mul(stride, ir.Constant(ir.IntType(64), i)))
+            pointer = builder.inttoptr(place, _DOUBLE.as_pointer())
+            source.append(Lanes(builder, builder.load(pointer), False))
+        target = [Lanes(builder, v, True) for v in cgutils.unpack_tuple(builder, arguments[2])]
+        held = [Lanes(builder, v, True) for v in cgutils.unpack_tuple(builder, arguments[1])]
+        result = _added(plan.plan, LaneNumbers(builder), held, target, source)
+        return context.make_tuple(builder, signature.return_type, [x.spread() for x in result])
+
+    return sums(plan, sums, targets, sources, j), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def list_near(
+    typing_context: Any,
+    plan: Any,
+    sources: Any,
+    j: Any,
+    end: Any,
+    low: Any,
+    high: Any,
+    square: Any,
+    near: Any,
+    number: Any,
+) -> Any:
+    """Append to `near` those of the particles j … j + 7, before `end`, whose squared distance from
+    the box low … high is at most `square`; the new number of entries. Here the lanes are sources:
+    they may be read, and eight entries written, beyond the last."""
+    dim = plan.plan.dim
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word = ir.IntType(64)
+
+        def array(i: int) -> Any:
+            return context.make_array(signature.args[i])(context, builder, arguments[i])
+
+        n = LaneNumbers(builder)
+        places, stride = array(1), builder.extract_value(array(1).strides, 0)
+        distance: Any = None
+        for axis in range(dim):
+            row = builder.add(
+                builder.ptrtoint(places.data, word),
+                builder.mul(stride, ir.Constant(word, axis)),
+            )
+            pointer = builder.inttoptr(row, _DOUBLE.as_pointer())
+            x = Lanes(builder, _load(builder, builder.gep(pointer, [arguments[2]]), 0), True)
+            ends = [
+                Lanes(builder, builder.load(builder.gep(array(i).data, [ir.Constant(word, axis)])), False)
+                for i in (4, 5)
+            ]
+            outside = n.positive(n.larger(ends[0] - x, x - ends[1]))
+            distance = outside * outside if distance is None else distance + outside * outside
+        inside = builder.fcmp_ordered(
+            "<=", distance.value, Lanes(builder, arguments[6], False).spread()
+        )
+        bits = builder.zext(builder.bitcast(inside, ir.IntType(WIDTH)), word)
+        number, list_ = arguments[8], array(7).data
+        for lane in range(WIDTH):
+            entry = builder.add(arguments[2], ir.Constant(word, lane))
+            builder.store(entry, builder.gep(list_, [number]))
+            bit = builder.and_(builder.lshr(bits, ir.Constant(word, lane)), ir.Constant(word, 1))
+            valid = builder.zext(builder.icmp_signed("<", entry, arguments[3]), word)
+            number = builder.add(number, builder.and_(bit, valid))
+        return number
+
+    return types.int64(plan, sources, j, end, low, high, square, near, number), codegen
+
+
+def _added(plan: Plan, number: Any, held: list[Any], target: list[Any], source: list[Any]) -> Any:
+    """Sums, then their compensations, then their bounds, with one pair more."""
+    n, d = len(plan.terms), plan.dim
+    places = d * (2 if plan.low else 1)
+    numbers: Any = number
+    if plan.bound:
+        numbers = BoundedNumbers(number)
+        target = [Bounded(number, x, 0.0) for x in target]
+        source = [Bounded(number, x, 0.0) for x in source]
+        for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
+            per_h.error = number.size(per_h.value) * UNIT  # 1/h is rounded, what was given is not
+    a = Ends(
+        tuple(target[:d]), tuple(target[d:places]), None, tuple(target[places + 1 :]), target[places]
+    )
+    b = Ends(
+        tuple(source[:d]),
+        tuple(source[d:places]),
+        source[places],
+        tuple(source[places + 1 : places + 1 + plan.fields]),
+        source[-1],
+    )
+    terms = contributions(plan, numbers, a, b)
+    values = [t.value if plan.bound else t for t in terms]
+    sums, rest = [], []
+    for i, x in enumerate(values):
+        old = held[i]
+        if not plan.compensated:
+            sums.append(old + x)
+            continue
+        new = old.strictly("fadd", x)
+        back = new.strictly("fsub", old)
+        lost = old.strictly("fsub", new.strictly("fsub", back)).strictly(
+            "fadd", number._lanes(x).strictly("fsub", back)
+        )
+        sums.append(new)
+        rest.append(held[n + i].strictly("fadd", lost))
+    if plan.bound:
+        for i, term in enumerate(terms):
+            more = term.error if plan.compensated else term.error + number.size(sums[i]) * UNIT
+            rest.append(held[len(held) - n + i] + more)
+    return sums + rest
+
+
+def _load(builder: Any, data: Any, offset: int) -> Any:
+    place = builder.gep(data, [ir.Constant(ir.IntType(64), offset)])
+    return builder.load(builder.bitcast(place, _VECTOR.as_pointer()), align=8)

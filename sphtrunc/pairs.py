@@ -1,0 +1,346 @@
+"""The pair formula: what one neighbour adds to the sums of a target, written once for every number.
+
+Everything that operators need of the particles is a combination of the radial sums
+
+    R[k, β, f] = Σ_b V_b f_k(q_b) s_b^β A_b,      s = (x_b − x_a)/h_a,
+
+f_k the radial factors of the kernel and A a field (1 for the moments; A_b − A_a on request). The
+formula runs on NumPy arrays and on the SIMD lanes of the compiled engine, and on both with a
+running bound of its own rounding error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sphtrunc.moments import MultiIndex, add, unit
+from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.radial import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+
+UNIT = 2.0**-53
+TINY = 2.0**-1074
+
+COUNT = 4  # R[COUNT, 0]: the number of neighbours within the support
+OTHERS = 5  # Ŵ′/q without the particle at s = 0
+#: powers of h_a/h_ab beyond d that a factor carries where a pair has an h of its own
+_STRETCH = {VALUE: 0, SLOPE: 2, CURVATURE: 4, STEEP: 4, COUNT: 0, OTHERS: 2}
+
+
+class Term(NamedTuple):
+    """One radial sum: factor k, monomial β, field (−1: none)."""
+
+    k: int
+    beta: MultiIndex
+    field: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a pass over the pairs sums; everything in it is fixed when the loop is compiled.
+
+    factors: (k, radial factor) in use; terms: the sums; fields: how many
+    difference: A_b − A_a in place of A_b
+    mode: "one" (h of the target), "scatter" or "mean"
+    low: positions are pairs of floats (images in a periodic box)
+    compensated: sums carry their rounding errors; bound: sums carry a bound of all errors
+    support: κ; even: no kernel factor needs q, q² will do
+    """
+
+    dim: int
+    factors: tuple[tuple[int, Radial], ...]
+    terms: tuple[Term, ...]
+    fields: int
+    difference: bool
+    mode: str
+    low: bool
+    compensated: bool
+    bound: bool
+    support: float
+    even: bool
+
+
+def plan(
+    kernel: Kernel,
+    dim: int,
+    terms: Iterable[Term],
+    *,
+    fields: int = 0,
+    difference: bool = False,
+    mode: str = "one",
+    low: bool = False,
+    compensated: bool = False,
+    bound: bool = False,
+) -> Plan:
+    """The plan for these sums with this kernel."""
+    terms = tuple(dict.fromkeys(terms))
+    used = {SLOPE if t.k == OTHERS else t.k for t in terms} - {COUNT}
+    factors = tuple((k, radial(kernel, dim, k)) for k in sorted(used))
+    return Plan(
+        dim=dim,
+        factors=factors,
+        terms=terms,
+        fields=fields,
+        difference=difference,
+        mode=mode,
+        low=low,
+        compensated=compensated,
+        bound=bound,
+        support=float(kernel.support),
+        even=all(f.even for _, f in factors),
+    )
+
+
+# ---------------------------------------------------------------- base sums out of radial sums
+
+
+def radial_terms(key: Key) -> dict[tuple[int, MultiIndex], int]:
+    """m[δ, α] = (−1)^{|δ|} Σ V s^α ∂^δŴ as a combination of radial sums {(k, β): coefficient}."""
+    delta, alpha = key
+    if delta == BROOKSHAW:
+        return {(OTHERS, alpha): -1}
+    if delta == FATEHI_MANZARI:
+        return {(STEEP, alpha): -1}
+    order = sum(delta)
+    if order == 0:
+        return {(VALUE, alpha): 1}
+    if order == 1:
+        return {(SLOPE, add(alpha, delta)): -1}
+    combination = {(CURVATURE, add(alpha, delta)): 1}
+    if max(delta) == 2:
+        combination[SLOPE, alpha] = 1
+    return combination
+
+
+def needed_terms(keys: Iterable[Key], fields: int, field_keys: Iterable[Key]) -> list[Term]:
+    """The radial sums behind base sums `keys` and field-weighted sums `field_keys`."""
+    terms = [Term(k, beta, -1) for key in keys for k, beta in radial_terms(key)]
+    for f in range(fields):
+        terms += [Term(k, beta, f) for key in field_keys for k, beta in radial_terms(key)]
+    return list(dict.fromkeys(terms))
+
+
+def base_sum(key: Key, field: int, sums: Mapping[Term, Any]) -> Any:
+    """m[δ, α], or with the field in every term, from the radial sums."""
+    total: Any = None
+    for (k, beta), c in radial_terms(key).items():
+        part = sums[Term(k, beta, field)]
+        part = part if c == 1 else c * part
+        total = part if total is None else total + part
+    return total
+
+
+# ------------------------------------------------------------------------------ the formula
+
+
+class Ends(NamedTuple):
+    """A particle at one end of a pair: numbers, arrays or lanes.
+
+    x, low: coordinates; volume: V_b (sources only); fields: A; per_h: 1/h
+    """
+
+    x: tuple[Any, ...]
+    low: tuple[Any, ...]
+    volume: Any
+    fields: tuple[Any, ...]
+    per_h: Any
+
+
+def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[Any]:
+    """V_b f_k(q) s^β A_b for every term of the plan."""
+    s = []
+    for i in range(plan.dim):
+        d = source.x[i] - target.x[i]
+        if plan.low:
+            d = d + (source.low[i] - target.low[i])
+        s.append(d * target.per_h)
+    squares = s[0] * s[0]
+    for s_i in s[1:]:
+        squares = squares + s_i * s_i
+    stretch = None
+    if plan.mode == "scatter":
+        stretch = source.per_h / target.per_h
+    elif plan.mode == "mean":
+        stretch = (source.per_h + source.per_h) / (source.per_h + target.per_h)
+    seen = squares if stretch is None else squares * (stretch * stretch)
+    q = None if plan.even else number.sqrt(seen)
+    factors: dict[int, Any] = {}
+    for k, f in plan.factors:
+        factors[k] = _radial(number, f, seen if f.even else q, squares)
+    if any(t.k == OTHERS for t in plan.terms):
+        factors[OTHERS] = number.others(squares, factors[SLOPE])
+    if any(t.k == COUNT for t in plan.terms):
+        edge = plan.support**2 if plan.even else plan.support
+        factors[COUNT] = number.within(seen if plan.even else q, edge)
+    if stretch is not None:
+        for k in factors:
+            for _ in range(0 if k == COUNT else plan.dim + _STRETCH[k]):
+                factors[k] = factors[k] * stretch
+    monomials: dict[MultiIndex, Any] = {}
+
+    def monomial(beta: MultiIndex) -> Any:
+        if beta not in monomials:
+            axis = next(i for i, n in enumerate(beta) if n)
+            lower = tuple(n - (i == axis) for i, n in enumerate(beta))
+            monomials[beta] = monomial(lower) * s[axis] if any(lower) else s[axis]
+        return monomials[beta]
+
+    weighted: dict[tuple[int, int], Any] = {}
+    for t in plan.terms:
+        if (t.k, t.field) not in weighted:
+            weight = source.volume
+            if t.k == COUNT:
+                weight = 1.0
+            elif t.field >= 0 and plan.difference:
+                weight = (source.fields[t.field] - target.fields[t.field]) * weight
+            elif t.field >= 0:
+                weight = source.fields[t.field] * weight
+            weighted[t.k, t.field] = factors[t.k] * weight
+    return [
+        weighted[t.k, t.field] * monomial(t.beta) if any(t.beta) else weighted[t.k, t.field]
+        for t in plan.terms
+    ]
+
+
+def _radial(number: Any, f: Radial, x: Any, squares: Any) -> Any:
+    """f_k at x (q, or q² for an even kernel), the piece picked without a branch."""
+    value: Any = None
+    for piece in reversed(f.pieces):
+        inner = _piece(number, piece, x, squares)
+        if value is None and piece.vanishes:
+            value = inner
+            continue
+        value = number.pick(x, piece.end, inner, 0.0 if value is None else value, piece.mean)
+    return value
+
+
+def _piece(number: Any, piece: Piece, x: Any, squares: Any) -> Any:
+    """t^m Σ c_i t^i / x^pole."""
+    t = x
+    if piece.centre:
+        t = number.constant(piece.centre) - x
+        if piece.centre_low:
+            t = t + piece.centre_low
+        if piece.vanishes:
+            t = number.positive(t)
+    value: Any = None
+    for c in reversed(piece.coefficients):
+        if value is None:
+            value = number.constant(c)
+        else:
+            value = value * t + number.constant(c) if c else value * t
+    value = number.constant(0.0) if value is None else value
+    if piece.power:
+        value = value * power(t, piece.power)
+    if piece.pole:
+        value = number.others(squares, value / power(x, piece.pole))
+    return value
+
+
+def power(t: Any, n: int) -> Any:
+    """t^n, n >= 1, by repeated squaring."""
+    result: Any = None
+    while n:
+        if n & 1:
+            result = t if result is None else result * t
+        n >>= 1
+        if n:
+            t = t * t
+    return result
+
+
+# ------------------------------------------------------------------------------ bounded numbers
+
+
+class Bounded:
+    """A number with a bound of its error: |value − truth| <= error. Works on any numbers."""
+
+    __slots__ = ("error", "number", "value")
+
+    def __init__(self, number: Any, value: Any, error: Any) -> None:
+        self.number, self.value, self.error = number, value, error
+
+    def _other(self, other: Any) -> Bounded:
+        return other if isinstance(other, Bounded) else Bounded(self.number, other, 0.0)
+
+    def _made(self, value: Any, error: Any) -> Bounded:
+        return Bounded(self.number, value, error + self.number.size(value) * UNIT)
+
+    def __add__(self, other: Any) -> Bounded:
+        other = self._other(other)
+        return self._made(self.value + other.value, self.error + other.error)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Bounded:
+        other = self._other(other)
+        return self._made(self.value - other.value, self.error + other.error)
+
+    def __rsub__(self, other: Any) -> Bounded:
+        return self._other(other) - self
+
+    def __mul__(self, other: Any) -> Bounded:
+        other = self._other(other)
+        size, n = self.number.size, self.number
+        error = (size(self.value) + self.error) * other.error + self.error * size(other.value)
+        return Bounded(
+            n,
+            self.value * other.value,
+            error + (n.size(self.value * other.value) * UNIT + TINY),
+        )
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Bounded:
+        other, n = self._other(other), self.number
+        value = self.value / other.value
+        room = n.positive(n.size(other.value) - other.error)
+        error = (self.error + n.size(value) * other.error) / room
+        return Bounded(n, value, error + (n.size(value) * UNIT + TINY))
+
+    def __neg__(self) -> Bounded:
+        return Bounded(self.number, -self.value, self.error)
+
+
+class BoundedNumbers:
+    """The functions of the formula for bounded numbers, on top of those for plain ones."""
+
+    def __init__(self, number: Any) -> None:
+        self.plain = number
+
+    def constant(self, c: float) -> Bounded:
+        return Bounded(self.plain, self.plain.constant(c), UNIT * abs(c))
+
+    def sqrt(self, x: Bounded) -> Bounded:
+        n = self.plain
+        root = n.sqrt(x.value)
+        error = n.smaller(x.error / n.larger(root, TINY), n.sqrt(x.error))
+        return Bounded(n, root, error + root * UNIT)
+
+    def positive(self, x: Bounded) -> Bounded:
+        return Bounded(self.plain, self.plain.positive(x.value), x.error)
+
+    def others(self, squares: Bounded, x: Bounded) -> Bounded:
+        """x, or 0 at s = 0."""
+        n = self.plain
+        error = n.others(squares.value, x.error)
+        return Bounded(n, n.others(squares.value, x.value), error)
+
+    def within(self, x: Bounded, edge: float) -> Bounded:
+        return Bounded(self.plain, self.plain.within(x.value, edge), 0.0)
+
+    def pick(self, x: Bounded, knot: float, inner: Any, outer: Any, mean: float | None) -> Bounded:
+        """inner below the knot, outer above; where rounding may have crossed it, both errors and
+        their difference."""
+        n = self.plain
+        if not isinstance(outer, Bounded):
+            outer = Bounded(n, n.constant(outer), n.constant(0.0))
+        value = n.pick(x.value, knot, inner.value, outer.value, mean)
+        error = n.pick(x.value, knot, inner.error, outer.error, None)
+        both = inner.error + outer.error + n.size(inner.value - outer.value)
+        near = n.size(x.value - knot) - x.error - 2.0 * UNIT * knot
+        return Bounded(n, value, n.pick(near, 0.0, both, error, None))
