@@ -180,6 +180,30 @@ class Gaussian:
         }[name]() * context.exp(-square)
         return value / 2 if self.cut is not None and q == self.cut else value
 
+    def radial_values(
+        self, name: str, q: NDArray[np.float64], dim: int, order: int
+    ) -> NDArray[np.float64]:
+        """The same functions in float64 with σ_d, or their f′/q (order 1), for q > 0."""
+        import numpy as np
+
+        u = q * q
+        # D = (1/q) d/dq sends (a − b u) e^{−u} to −2 (a + b − b u) e^{−u}
+        a, b = (dim + 2) / 2 if self.power else 1.0, float(self.power)
+        scale = 1.0
+        steps = {"w": 0, "w1": 1, "w2": 2, "w3": 1}[name]
+        for _ in range(steps + (order if name != "w3" else 0)):
+            a, scale = a + b, -2.0 * scale
+        value = scale * (a - b * u) * np.exp(-u)
+        if name == "w3":
+            value = value / u
+            if order:
+                slope = -2.0 * scale * (a + b - b * u) * np.exp(-u)
+                value = slope / u - 2.0 * value / u
+        value = value * self._sigma(dim)
+        if self.cut is not None:
+            value = np.where(q > self.cut, 0.0, np.where(q == self.cut, 0.5 * value, value))
+        return np.asarray(value)
+
     # -- spectrum ---------------------------------------------------------------------------------
 
     def radial(self, k: NDArray[np.float64], dim: int, m: int) -> NDArray[np.float64] | None:

@@ -308,7 +308,7 @@ def _at_origin(
     second = sum(term) == 2
     if isinstance(kernel, Kernel):
         piece = laurent(kernel, "w1" if second else "w")[0]
-        if second and min(piece, default=0) < 0:
+        if second and len(alpha) > 1 and min(piece, default=0) < 0:
             raise ValueError(
                 f"kernel {kernel.name!r} has no second derivative at q = 0, where a particle lies;"
                 " expected a form of differences, brookshaw or fatehi-manzari, or an offset"

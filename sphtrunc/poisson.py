@@ -89,12 +89,37 @@ def poisson_sum(
             " reciprocal sum is not that of the particles; expected a smoother kernel"
         )
     dim = len(alpha)
-    ratio = float(dx_over_h)
     table = symbol(delta, alpha)
+    lengths, values, counts = shells_of(kernel, table, kind, dx_over_h, offset, shells)
+    rows = tuple(
+        Shell(float(k), int(n), float(v)) for k, n, v in zip(lengths, counts, values, strict=True)
+    )
+    zero = (0,) * dim
+    limit = sum(
+        c.real * float(radial(kernel, 0.0, dim, m))
+        for (gamma, m), c in table.items()
+        if gamma == zero
+    )
+    last = float(lengths[-1])
+    return PoissonSum(limit, rows[1:], _tail(kernel, table, kind, float(dx_over_h), last))
+
+
+def shells_of(
+    kernel: Kernel | Gaussian,
+    table: Symbol,
+    kind: str,
+    dx_over_h: Fraction | float,
+    offset: Sequence[Fraction | float] | None,
+    shells: int,
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """|G| in 1/h, Σ ĝ(G) S(G) e^{iG·θ} and the number of vectors, shell by shell, G = 0 first."""
+    ratio = float(dx_over_h)
     g, lengths, starts, weight = _reciprocal(kind, shells)
     g, lengths = g / ratio, lengths / ratio
-    phase = g @ (ratio * np.array([float(o) for o in offset or (0,) * dim]))
-    weight = weight * np.exp(1j * phase)
+    dim = g.shape[1]
+    weight = weight * np.exp(
+        1j * (g @ (ratio * np.array([float(o) for o in offset or (0,) * dim])))
+    )
     total = np.zeros(len(lengths))
     for (gamma, m), c in table.items():
         value = c * weight
@@ -102,20 +127,7 @@ def poisson_sum(
             for _ in range(n):
                 value = value * g[:, axis]
         total += np.add.reduceat(value.real, starts) * radial(kernel, lengths, dim, m)
-    counts = np.diff([*starts, len(g)])
-    rows = tuple(
-        Shell(float(k), int(n), float(v)) for k, n, v in zip(lengths, counts, total, strict=True)
-    )
-    zero = (0,) * dim
-    limit = sum(
-        (
-            c.real * float(radial(kernel, 0.0, dim, m))
-            for (gamma, m), c in table.items()
-            if gamma == zero
-        ),
-        0.0,
-    )
-    return PoissonSum(limit, rows[1:], _tail(kernel, table, kind, ratio, float(lengths[-1])))
+    return lengths, total, np.diff([*starts, len(g)])
 
 
 def symbol(delta: MultiIndex, alpha: MultiIndex) -> Symbol:

@@ -1,0 +1,319 @@
+"""Propagation: what a small displacement of every particle does to the moments of an estimate.
+
+Every base sum over a lattice carries its derivatives with respect to the displacements u_b, and the
+algebra of the operators carries them on, through corrections and volumes, to ∂M_α/∂u_b.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from sphtrunc.kernel import Kernel
+from sphtrunc.lattice_sums import laurent, parts
+from sphtrunc.moments import MultiIndex
+from sphtrunc.operators import Key, Operator
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from sphtrunc.gaussian import Gaussian
+
+    Array = NDArray[np.float64]
+
+
+class Dual:
+    """A number with its derivative with respect to every displacement: value + slope·u."""
+
+    __slots__ = ("slope", "value")
+    __array_priority__ = 1000
+
+    def __init__(self, value: float, slope: Any) -> None:
+        self.value, self.slope = value, slope
+
+    def __add__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value + other.value, self.slope + other.slope)
+        return Dual(self.value + float(other), self.slope)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
+    def __sub__(self, other: Any) -> Dual:
+        return self.__add__(-other)
+
+    def __rsub__(self, other: Any) -> Dual:
+        return self.__neg__().__add__(other)
+
+    def __mul__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(
+                self.value * other.value, self.value * other.slope + other.value * self.slope
+            )
+        return Dual(self.value * float(other), self.slope * float(other))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            ratio = self.value / other.value
+            return Dual(ratio, (self.slope - ratio * other.slope) / other.value)
+        return Dual(self.value / float(other), self.slope / float(other))
+
+    def __rtruediv__(self, other: Any) -> Dual:
+        ratio = float(other) / self.value
+        return Dual(ratio, -ratio / self.value * self.slope)
+
+
+def dual_solve(
+    matrix: Sequence[Sequence[Any]], columns: Sequence[Sequence[Any]]
+) -> list[list[Any]]:
+    """X with A X = B, and ∂X = A⁻¹ (∂B − ∂A X); ValueError where A is singular."""
+    import numpy as np
+
+    shape = next(x.slope.shape for row in (*matrix, *columns) for x in row if isinstance(x, Dual))
+
+    def values(rows: Sequence[Sequence[Any]]) -> Array:
+        return np.array([[x.value if isinstance(x, Dual) else float(x) for x in r] for r in rows])
+
+    def slopes(rows: Sequence[Sequence[Any]]) -> Array:
+        return np.array(
+            [[x.slope if isinstance(x, Dual) else np.zeros(shape) for x in r] for r in rows]
+        )
+
+    a, b = values(matrix), values(columns)
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(a).max(axis=1), 1e-300))
+    if np.linalg.cond(a * scale[:, None] * scale) > 1e12:
+        raise ValueError(
+            "correction: its moment matrix is singular on this lattice; expected a smaller Δx/h, or"
+            " a lower correction"
+        )
+    x = np.linalg.solve(a, b)
+    rest = slopes(columns) - np.einsum("ij...,jk->ik...", slopes(matrix), x)
+    dx = np.linalg.solve(a, rest.reshape(len(a), -1)).reshape(rest.shape)
+    return [
+        [Dual(float(v), d) for v, d in zip(*row, strict=True)] for row in zip(x, dx, strict=True)
+    ]
+
+
+def propagate(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: Sequence[Fraction],
+    volume: str,
+    degree: int,
+    axis: int = 0,
+    moved: Array | None = None,
+) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
+    """∂M_α/∂u_b, (N, d), for displacements u in Δx, and the integer points b, (d, N).
+
+    The target's own displacement moves every offset s_b = (x_b − x_a)/h; a fixed target (an offset)
+    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken.
+    """
+    import numpy as np
+
+    from sphtrunc.lattice import sites, units
+
+    dim = len(offset)
+    ratio = float(dx_over_h)
+    support = float(kernel.support)
+    reach = {"constant": 1.0, "cell": 1.0, "summation": 2.0}[volume] * support / ratio
+    m = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
+    unit_length = np.array([float(u) for u in units(kind)])
+    s = ratio * (m.T * unit_length + np.array([float(o) for o in offset]))
+    target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
+    if moved is not None:
+        s += ratio * moved
+        if target >= 0:
+            s -= s[target].copy()
+    q = np.sqrt((s * s).sum(axis=1))
+    volumes, variation = _volumes(kernel, s, ratio, dim, volume)
+    keys = operator.needed(dim, degree)
+    away = np.arange(len(q)) != target
+    cache: dict[tuple[str, int], Array] = {}
+
+    def radial_at(name: str, order: int) -> Array:
+        if (name, order) not in cache:
+            value = np.zeros_like(q)
+            value[away] = radial_values(kernel, name, q[away], dim, order)
+            if target >= 0 and order == 0 and name in ("w", "w1"):
+                value[target] = _origin_value(kernel, name, dim)
+            cache[name, order] = value
+        return cache[name, order]
+
+    sums: dict[Key, Dual] = {}
+    for key in keys:
+        g, slope = np.zeros_like(q), np.zeros_like(s)
+        for c, beta, name in parts(key):
+            f, df = radial_at(name, 0), radial_at(name, 1)
+            monomial = np.prod(s ** np.array(beta), axis=1)
+            skip_own = isinstance(key[0], str)
+            value = c * monomial * f
+            if skip_own and target >= 0:
+                value[target] = 0.0
+            g += value
+            for i in range(dim):
+                own = c * monomial * df * s[:, i]
+                if beta[i]:
+                    lowered = tuple(n - (j == i) for j, n in enumerate(beta))
+                    own = own + c * beta[i] * np.prod(s ** np.array(lowered), axis=1) * f
+                slope[:, i] += own
+        if target >= 0:
+            slope[target] = 0.0
+        total = ratio * volumes[:, None] * slope
+        if target >= 0:
+            total[target] -= total.sum(axis=0)
+        if variation is not None:
+            total = total + variation(g)
+        sums[key] = Dual(float(volumes @ g), total)
+    moments = operator.correct(sums, dim, degree, axis, dual_solve)
+    none = np.zeros_like(s)
+    return {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}, m
+
+
+def _origin_value(kernel: Kernel | Gaussian, name: str, dim: int) -> float:
+    if name == "w":
+        return float(kernel.w(0.0, dim))
+    if isinstance(kernel, Kernel):
+        value = laurent(kernel, name)[0].get(0, Fraction(0))
+        return float(value) * float(kernel.normalisation(dim))
+    return float(kernel.d2w(0.0, dim))
+
+
+def _volumes(
+    kernel: Kernel | Gaussian, s: Array, ratio: float, dim: int, rule: str
+) -> tuple[Array, Callable[[Array], Array] | None]:
+    """V_b, and how Σ_b g_b δV_b depends on the displacements, as a function of g."""
+    import numpy as np
+
+    volumes = np.full(len(s), ratio**dim)
+    if rule == "cell":
+        order = np.argsort(s[:, 0])
+        volumes[order[1:-1]] = 0.5 * (s[order[2:], 0] - s[order[:-2], 0])
+
+        def cells(g: Array) -> Array:
+            """V_b = (x_{b+1} − x_{b−1})/2: particle b widens b−1 and narrows b+1."""
+            h = g[order]
+            slope = np.zeros((len(s), 1))
+            slope[order[1:-1], 0] = 0.5 * ratio * (h[:-2] - h[2:])
+            return slope
+
+        return volumes, cells
+    if rule == "summation":
+        support = float(kernel.support)
+        inner = (s * s).sum(axis=1) <= (support * (1 + 1e-9)) ** 2
+        pair = s[None, :, :] - s[inner][:, None, :]  # (b, c): s_c − s_b
+        q = np.sqrt((pair * pair).sum(axis=2))
+        near = (q > 0) & (q <= support)
+        density = np.zeros_like(q)
+        density[q <= support] = kernel.w(q[q <= support], dim)
+        volumes[inner] = 1.0 / density.sum(axis=1)
+        slope = np.zeros_like(q)
+        slope[near] = radial_values(kernel, "w1", q[near], dim)
+        gradient = slope[:, :, None] * pair
+
+        def summed(g: Array) -> Array:
+            """V_b = 1/Σ_c Ŵ(s_c − s_b): δV_b = −V_b² Σ_c ∇Ŵ(s_c − s_b)·(δs_c − δs_b)."""
+            weight = -ratio * (g * volumes**2)[inner]
+            moved = np.einsum("b,bci->ci", weight, gradient)
+            moved[inner] -= weight[:, None] * gradient.sum(axis=1)
+            return np.asarray(moved)
+
+        return volumes, summed
+    return volumes, None
+
+
+def radial_values(
+    kernel: Kernel | Gaussian, name: str, q: Array, dim: int, order: int = 0
+) -> Array:
+    """f(q) σ_d, or f′(q)/q for order 1, for q > 0; means at the knots, 0 beyond the support."""
+    import numpy as np
+
+    if not isinstance(kernel, Kernel):
+        return kernel.radial_values(name, q, dim, order)
+    result = np.zeros_like(q)
+    knots = [float(k) for k in kernel.knots]
+    for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
+        terms = {i: float(c) for i, c in piece.items()}
+        for _ in range(order):
+            terms = {i - 2: i * c for i, c in terms.items() if i}
+        if not terms:
+            continue
+        inside = (q >= a) & (q <= b)
+        x = q[inside]
+        low = min(terms)
+        value = np.zeros_like(x)
+        for i in range(max(terms), low - 1, -1):
+            value = value * x + terms.get(i, 0.0)
+        value = value * x**low
+        edge = (x == b) | ((x == a) & (a > 0))
+        result[inside] += np.where(edge, 0.5, 1.0) * value
+    return np.asarray(result * float(kernel.normalisation(dim)))
+
+
+def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
+    """F with u = F v, v independent and of unit variance, for particles at integer points, (N, K);
+    None where the displacements u are independent themselves.
+
+    Blue displacements are u_n = (v_n − mean v over the z nearest)/√(1 + 1/z).
+    """
+    import numpy as np
+
+    from sphtrunc.lattice import KINDS
+
+    if distribution != "blue":
+        return None
+    steps = KINDS[kind].nearest
+    if not steps:
+        raise ValueError(
+            f"distribution: blue needs the same neighbours at every site, {kind} has two sorts;"
+            " expected gaussian or uniform, or another lattice"
+        )
+    scale = (1.0 + 1.0 / len(steps)) ** -0.5
+    taps = [((0,) * KINDS[kind].dim, scale), *((e, -scale / len(steps)) for e in steps)]
+    places = np.concatenate([index.T + np.array(step) for step, _ in taps])
+    _, inverse = np.unique(places, axis=0, return_inverse=True)
+    columns = inverse.reshape(len(taps), -1)
+    weights = np.zeros((index.shape[1], int(columns.max()) + 1))
+    for row, (_, factor) in zip(columns, taps, strict=True):
+        weights[np.arange(index.shape[1]), row] += factor
+    return weights
+
+
+def second_order(
+    slopes: Callable[[Array | None], Mapping[MultiIndex, Array]],
+    shape: tuple[int, int],
+    mixed: Array | None,
+    excess: float,
+) -> dict[MultiIndex, tuple[float, float]]:
+    """What the second and third derivatives H, T of the moments with respect to v add: Σ H_kk/2 to
+    the mean (times σ²), Σ H_kl²/2 + Σ M_k T_kll + (kurtosis − 3) Σ H_kk²/4 to the variance (times
+    σ⁴). Both are differences of the slopes on both sides."""
+    import numpy as np
+
+    step = 1e-3
+    count, dim = shape
+    directions = np.kron(np.eye(count) if mixed is None else mixed, np.eye(dim))  # (N·d, K)
+    here = slopes(None)
+    curved: dict[MultiIndex, list[Array]] = {alpha: [] for alpha in here}
+    third = {alpha: np.zeros(count * dim) for alpha in here}
+    for direction in directions.T:
+        moved = step * direction.reshape(shape)
+        up, down = slopes(moved), slopes(-moved)
+        for alpha, middle in here.items():
+            curved[alpha].append((up[alpha] - down[alpha]).ravel() / (2 * step))
+            third[alpha] += (up[alpha] + down[alpha] - 2 * middle).ravel() / step**2
+    result = {}
+    for alpha, rows in curved.items():
+        h = np.array(rows) @ directions
+        own = np.diag(h)
+        cross = float((directions.T @ here[alpha].ravel()) @ (directions.T @ third[alpha]))
+        variance = 0.5 * float((h * h).sum()) + cross + 0.25 * excess * float((own * own).sum())
+        result[alpha] = 0.5 * float(own.sum()), variance
+    return result
