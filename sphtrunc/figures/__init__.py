@@ -1,0 +1,45 @@
+"""The figures: every result of the theory with measured points beside it, for any kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sphtrunc.plot import Picture
+
+#: name of a figure: (module, what it shows)
+FIGURES = {
+    "kernels": ("uniform", "Kernels, their derivatives and their Fourier transforms."),
+    "uniform-smoothing": ("uniform", "Error against h/λ at several Δx/h, uniform particles."),
+    "uniform-discretisation": (
+        "uniform",
+        "Error against Δx/h at several h/λ, and an edge formula.",
+    ),
+    "kernel-comparison": ("uniform", "Error against Δx/h at h/λ = 0.0018 for many kernels."),
+}
+
+
+def make(name: str, kernel: str | None = None, quick: bool = False) -> Picture:
+    """The figure of that name, for another kernel than its own if one is given.
+
+    quick: fewer points and targets, for a look; the curves are the same.
+
+    Raises ValueError for an unknown name.
+    """
+    if name not in FIGURES:
+        raise ValueError(f"figure: got {name!r}, expected one of {', '.join(FIGURES)}")
+    module = import_module(f"sphtrunc.figures.{FIGURES[name][0]}")
+    picture: Picture = getattr(module, name.replace("-", "_").replace("3d", "three_d"))(
+        kernel, quick
+    )
+    return picture
+
+
+def names(wanted: Sequence[str] = ()) -> list[str]:
+    """All names, or those wanted, checked."""
+    for name in wanted:
+        if name not in FIGURES:
+            raise ValueError(f"figure: got {name!r}, expected one of {', '.join(FIGURES)}")
+    return list(wanted or FIGURES)

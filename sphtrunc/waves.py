@@ -1,0 +1,234 @@
+"""Many wavelengths and operators at once: one look at the particles serves them all.
+
+The estimate of sin(φ + k s₁) is the sum of its discrete moments along the wave, M_n = Σ_b w_b s₁ⁿ:
+
+    ⟨D A⟩ = Σ_n kⁿ/n! M_n sin(φ + nπ/2),
+
+so that the moments of a target, once summed, give the error at every h/λ by a small matrix product,
+and, the exact moments being subtracted one by one, without the cancellation of nearby values at
+small h/λ. The series ends where its terms are below the last bit; waves too short for that
+(kκ > 12) are summed one by one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from math import factorial, pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.arithmetic import Health, Plain
+from sphtrunc.experiment import CELLS, FIRST, Task, _chosen
+from sphtrunc.fields import Sinusoid, sinusoid
+from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
+from sphtrunc.operators import FATEHI_MANZARI, Operator
+from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.scene import Indices, Lattice, Scene, sample
+from sphtrunc.summation import Array
+from sphtrunc.sums import _terms
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+    from sphtrunc.scene import Neighbourhood
+
+LONGEST = 12.0  # kκ up to which the series is used: it loses e^12 of 2^53 there
+MOST = 1 << 17  # targets, when rtol decides
+
+
+def waves(
+    scene: Scene,
+    kernel: Kernel | str,
+    operators: Sequence[Operator],
+    h_over_lambda: Sequence[object],
+    *,
+    targets: object = None,
+    rtol: float | None = None,
+    most: int = MOST,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[list[Measurement]]:
+    """`measure` for every operator (rows) and every h/λ (columns), along the first axis.
+
+    The figures are those of `measure` with the same targets, to rounding. With `rtol` the targets
+    are as many as the hardest of them needs.
+
+    Raises ValueError for bad arguments, and for divergence and curl, which need a vector field.
+    """
+    started = time.perf_counter()
+    kernel = parse_kernel(kernel)
+    for operator in operators:
+        if operator.name in ("divergence", "curl"):
+            raise ValueError(f"operator: {operator.name} needs a vector field; expected a scalar's")
+    fields = [sinusoid(x, dim=scene.dim) for x in h_over_lambda]
+    tasks = [
+        [Task(scene, kernel, operator, (field,), None, seed, "plain", False) for field in fields]
+        for operator in operators
+    ]
+    found: list[list[list[Block]]] = [[[] for _ in fields] for _ in operators]
+    size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
+    with ThreadPoolExecutor(workers) as pool:
+
+        def run(batch: Indices, expected: int) -> None:
+            done = sum(block.target.size for block in found[0][0])
+            chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
+            for table in pool.map(partial(_look, tasks), chunks):
+                for rows, blocks in zip(found, table, strict=True):
+                    for row, block in zip(rows, blocks, strict=True):
+                        row.append(block)
+                done += table[0][0].target.size
+                if progress is not None:
+                    progress(done, expected)
+
+        if rtol is None or isinstance(scene, Lattice):
+            chosen = _chosen(scene, targets, seed)
+            run(chosen, chosen.size)
+        else:
+            if not 1e-6 <= rtol < 1:
+                raise ValueError(f"rtol: got {rtol:g}, expected a number from 1e-6 to below 1")
+            limit = min(most, scene.population)
+            done, goal = 0, min(FIRST, limit)
+            while done < goal:
+                run(sample(scene, done, goal, seed), goal)
+                done = goal
+                width = max(
+                    relative_width(squares(row, operator, scene.dim))
+                    for rows, operator in zip(found, operators, strict=True)
+                    for row in rows
+                )
+                if width > rtol:
+                    goal = min(limit, 8 * done, int(1.05 * done * (width / rtol) ** 2) + 256)
+    seconds = (time.perf_counter() - started) / (len(operators) * max(1, len(fields)))
+    return [
+        [gathered(task, row, False, seconds) for task, row in zip(tasks_of, rows, strict=True)]
+        for tasks_of, rows in zip(tasks, found, strict=True)
+    ]
+
+
+def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]:
+    """One block of targets: the neighbourhood once, every operator on it."""
+    first = tasks[0][0]
+    block = first.scene.neighbourhood(target, first.kernel)
+    distance = np.sqrt(sum(x * x for x in block.offset))
+    if block.stretch is not None:
+        distance = distance * block.stretch
+    inside = distance <= float(first.kernel.support)
+    if block.particle is not None:
+        inside &= block.particle >= 0
+    counts = inside.sum(axis=0), (inside & (distance > 0.0)).sum(axis=0)
+    result = []
+    for row in tasks:
+        reach = [float(np.linalg.norm(_wave(t))) * float(t.kernel.support) for t in row]
+        short = [x <= LONGEST for x in reach]
+        if row[0].operator.form == "symmetric" and block.volume.shape != (1, 1):
+            short = [False] * len(row)
+        series: list[Block] = []
+        if any(short):
+            kept = [t for t, s in zip(row, short, strict=True) if s]
+            top = max(x for x, s in zip(reach, short, strict=True) if s)
+            series = _series(kept, block, distance, target, counts, top)
+        taken = iter(series)
+        result.append(
+            [next(taken) if s else task.run(target) for task, s in zip(row, short, strict=True)]
+        )
+    return result
+
+
+def _wave(task: Task) -> Array:
+    (field,) = task.fields
+    assert isinstance(field, Sinusoid)
+    return field.wave()
+
+
+def degree_of_series(reach: float, derivatives: int) -> int:
+    """The n from which kⁿκⁿ/n! is below the last bit of (kκ)^derivatives."""
+    n, term = derivatives + 2, reach**2 / factorial(derivatives + 2)
+    while term > 2.0**-56 and n < 60:
+        n += 1
+        term *= reach / n
+    return n
+
+
+def _series(
+    tasks: Sequence[Task],
+    block: Neighbourhood,
+    distance: Array,
+    target: Indices,
+    counts: tuple[Indices, Indices],
+    reach: float,
+) -> list[Block]:
+    """Blocks of one operator at several wavelengths, from its moments along the wave."""
+    scene, kernel, operator = tasks[0].scene, tasks[0].kernel, tasks[0].operator
+    dim, m = scene.dim, operator.derivatives
+    number, health = Plain(), Health()
+    s = list(block.offset)
+    volume = np.asarray(block.volume)
+    terms = _terms(number, s, distance, volume, kernel, operator, block.stretch)
+
+    def weight(term: Any, alpha: tuple[int, ...]) -> Array:
+        result = terms[term]
+        for axis, n in enumerate(alpha):
+            for _ in range(n):
+                result = result * s[axis]
+        return np.asarray(result)
+
+    sums = {}
+    if operator.correction != "none" or operator.form == FATEHI_MANZARI:
+        sums = {key: number.total(weight(*key)) for key in operator.needed(dim, 0)}
+    parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
+    powers = degree_of_series(reach, m) + 1
+    moments = np.empty((powers, len(parts), distance.shape[1]))
+    for c, part in enumerate(parts):
+        rows = [x if isinstance(x, int) and x == 1 else None for x in part.values()]
+        total = sum(
+            weight(*key) if one else x * weight(*key)
+            for one, (key, x) in zip(rows, part.items(), strict=True)
+        )
+        work = np.array(total)
+        exact = operator.target(dim, c)
+        for n in range(powers):
+            if n:
+                work *= s[0]
+            along = (n, *(0,) * (dim - 1))
+            moments[n, c] = number.total(work) - exact.get(along, 0)
+    if operator.uses_difference:
+        moments[0] = 0.0
+    elif operator.form == "symmetric":
+        moments[0] *= 2.0
+    k = np.array([float(np.linalg.norm(_wave(t))) for t in tasks])
+    series = np.array([k**n / factorial(n) for n in range(powers)]).T
+    sign = np.array([(1.0, 1.0, -1.0, -1.0)[n % 4] for n in range(powers)])
+    series *= sign
+    flat = moments.reshape(powers, -1)
+    even = (series[:, ::2] @ flat[::2]).reshape(len(tasks), len(parts), -1)
+    odd = (series[:, 1::2] @ flat[1::2]).reshape(len(tasks), len(parts), -1)
+    if isinstance(scene, Lattice):
+        sine, cosine = np.array([0.0, 1.0]), np.array([1.0, 0.0])
+    else:
+        (field,) = tasks[0].fields
+        assert isinstance(field, Sinusoid)
+        sine, cosine = field.own(target, tasks[0].seed, 0)
+    errors = even * sine + odd * cosine
+    condition = np.broadcast_to(np.asarray(health.condition, dtype=np.float64), target.shape)
+    shared = Block(
+        target=target,
+        estimates=None,
+        errors=None,
+        moments={},
+        estimate_bound=None,
+        moment_bound=None,
+        pairs=counts[0],
+        neighbours=counts[1],
+        condition=condition,
+    )
+    return [replace(shared, errors=one) for one in errors]
+
+
+def wavenumber(h_over_lambda: float) -> float:
+    """kh = 2π h/λ."""
+    return 2.0 * pi * h_over_lambda
