@@ -331,7 +331,8 @@ class Bounded:
     def solve(self, matrix: Any, columns: Any, health: Health) -> Any:
         """For every A' and B' in the balls A and B: A'(X' − X) = B' − A'X. With R near the inverse
         the part of it that is linear in the ε_i is R(B_i − A_i X); all else is at most
-        |R||rest| + e/(1 − e) max |R||B' − A'X| where ‖I − RA'‖ <= e < 1 in the row-sum norm (Rump 2010, doi:10.1017/S096249291000005X, section 10)."""
+        |R||rest| + e/(1 − e) max |R||B' − A'X| where ‖I − RA'‖ <= e < 1 in the row-sum norm (Rump
+        2010, doi:10.1017/S096249291000005X, section 10)."""
         matrix = [[_ball(x) for x in row] for row in matrix]
         columns = [[_ball(x) for x in row] for row in columns]
         a, b = _stacked(_each(matrix, "middle")), _stacked(_each(columns, "middle"))

@@ -1,8 +1,7 @@
-"""Experiment: evaluate the discrete sums themselves, on any particles, and take statistics.
+"""Experiment: evaluate the discrete sums on any particles, and take statistics.
 
-The sums are written once, in `estimate`, for every arithmetic: floats, floats with a bound, pairs
-of floats, 60 digits. Neighbours run along axis 0, targets along axis 1, a block of targets at a
-time, so that memory is bounded and no result depends on the size of the blocks.
+A block of targets at a time, so that memory is bounded; no result depends on the size of blocks,
+on their order or on the number of threads.
 """
 
 from __future__ import annotations
@@ -12,235 +11,22 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import PRECISIONS, SLACK, Ball, Health, Pair, arithmetic
+from sphtrunc.arithmetic import PRECISIONS, SLACK, Ball, Health, arithmetic
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.moments import MultiIndex, add, multi_indices, unit
-from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator, combine
+from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, sample
 from sphtrunc.summation import Array
+from sphtrunc.sums import estimate, exact_derivatives
 
 CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
 FIRST, MOST = 2048, 1 << 20  # targets of the first batch, and at most, when rtol decides
-
-
-# ------------------------------------------------------------------------------- one block of sums
-
-
-def estimate(
-    number: Any,
-    s: list[Any],
-    volume: Any,
-    kernel: Kernel,
-    operator: Operator,
-    degree: int | None,
-    fields: list[Any],
-    health: Health,
-    stretch: Any = None,
-    density: Any = None,
-) -> tuple[list[Any], dict[MultiIndex, Any]]:
-    """Components of the estimate, and moments up to `degree`, in the arithmetic `number`.
-
-    s: offsets along each axis, (N, T); volume: V/h^d; fields: samples, one for a scalar, d for a
-    vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
-    """
-    dim = len(s)
-    q = number.length(s)
-    terms = _terms(number, s, q, volume, kernel, operator, stretch)
-    zero = unit(dim, 0, 0)
-    monomials: dict[MultiIndex, Any] = {}
-
-    def monomial(alpha: MultiIndex) -> Any:
-        if alpha not in monomials:
-            axis = next(i for i, n in enumerate(alpha) if n)
-            lower = tuple(n - (i == axis) for i, n in enumerate(alpha))
-            monomials[alpha] = monomial(lower) * s[axis] if any(lower) else s[axis]
-        return monomials[alpha]
-
-    def weighted(key: Key, factor: Any = None) -> Any:
-        """Σ_b s^α (term)_b factor_b."""
-        term, alpha = key
-        weight = terms[term]
-        if any(alpha):
-            weight = weight * monomial(alpha)
-        return number.total(weight) if factor is None else number.dot(weight, factor)
-
-    sums: dict[Key, Any] = {}
-    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
-    if not plain:
-        sums = {key: weighted(key) for key in operator.needed(dim, 0)}
-    parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
-    moments: dict[MultiIndex, Any] = {}
-    if degree is not None:
-        factor = density if operator.form == "symmetric" else None
-        for alpha in multi_indices(dim, degree):
-            for term, gamma in parts[0]:
-                key = term, add(alpha, gamma)
-                if key not in sums:
-                    sums[key] = weighted(key, factor)
-            moments[alpha] = combine(parts[0], sums, alpha)
-        if operator.uses_difference:
-            moments[zero] = number.number(np.full(_targets(s), float(operator.derivatives == 0)))
-        elif operator.form == "symmetric":
-            if factor is None:
-                moments[zero] = 2 * moments[zero]
-            else:
-                back = number.ratio(number.number(np.ones(1)), density)
-                moments[zero] = moments[zero] + weighted((unit(dim, 0), zero), back)
-    found = []
-    for one in fields:
-        seen = one.difference
-        if operator.form == "symmetric":
-            seen = _symmetric(number, one, density)
-        elif not operator.uses_difference:
-            seen = one.difference + one.own
-        keys = dict.fromkeys(key for part in parts for key in part)
-        at = {key: weighted(key, seen) for key in keys}
-        found.append([sum(c * at[key] for key, c in part.items()) for part in parts])
-    return _contracted(operator, found, fields, dim), moments
-
-
-def _targets(s: list[Any]) -> tuple[int, ...]:
-    shape = (s[0].middle if isinstance(s[0], Ball) else getattr(s[0], "high", s[0])).shape
-    return tuple(shape[1:])
-
-
-def _terms(
-    number: Any,
-    s: list[Any],
-    q: Any,
-    volume: Any,
-    kernel: Kernel,
-    operator: Operator,
-    stretch: Any,
-) -> dict[Any, Any]:
-    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
-    dim = len(s)
-    needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
-    argument = q if stretch is None else q * number.number(stretch)
-    weight = volume
-    if stretch is not None:
-        for _ in range(dim):
-            weight = weight * number.number(stretch)
-    terms: dict[Any, Any] = {}
-    order = max(1 if isinstance(term, str) else sum(term) for term in needed)
-    slope: Any = None
-    axes: list[Any] = []
-    if order:
-        slope = -kernel_term(number, kernel, argument, 1, dim, weight, stretch)
-        axes = number.directions(s, q)
-    for term in needed:
-        if term in (BROOKSHAW, FATEHI_MANZARI):
-            terms[term] = number.ratio(slope, q)
-            if term == FATEHI_MANZARI:
-                terms[term] = number.ratio(terms[term], q * q)
-        elif sum(term) == 0:
-            terms[term] = kernel_term(number, kernel, argument, 0, dim, weight, stretch)
-        elif sum(term) == 1:
-            terms[term] = slope * axes[term.index(1)]
-        else:
-            terms[term] = _second(number, q, slope, axes, term, kernel, argument, weight, stretch)
-    return terms
-
-
-def kernel_term(
-    number: Any, kernel: Kernel, q: Any, derivative: int, dim: int, weight: Any, stretch: Any
-) -> Any:
-    """V Ŵ^(k)(q), with the powers of h_a/h_ab that belong to it."""
-    value = number.kernel(kernel, q, derivative, dim) * weight
-    if stretch is not None:
-        for _ in range(derivative):
-            value = value * number.number(stretch)
-    return value
-
-
-def _second(
-    number: Any,
-    q: Any,
-    slope: Any,
-    axes: list[Any],
-    term: MultiIndex,
-    kernel: Kernel,
-    argument: Any,
-    weight: Any,
-    stretch: Any,
-) -> Any:
-    """V ∂ᵢ∂ⱼŴ = V [Ŵ″ eᵢeⱼ + (Ŵ′/q)(δᵢⱼ − eᵢeⱼ)]; at the target itself δᵢⱼ Ŵ″(0)."""
-    dim = len(axes)
-    curvature = kernel_term(number, kernel, argument, 2, dim, weight, stretch)
-    i, *rest = (k for k, n in enumerate(term) for _ in range(n))
-    j = rest[0]
-    if dim == 1:
-        return curvature
-    both = axes[i] * axes[j]
-    around = number.ratio(slope, q)  # −V Ŵ′/q
-    at_target = _zero(q)
-    result = curvature * both - around * (float(i == j) - both)
-    if not np.any(at_target):
-        return result
-    if i == j and kernel.pieces[0].diff().eval(0) != 0:
-        raise ValueError(
-            f"form: the second derivatives of {kernel.name} do not exist at the particle itself in"
-            f" {dim}D; expected the form difference or brookshaw"
-        )
-    own = curvature if i == j else 0 * curvature
-    return number.drop(result, at_target) + number.drop(own, ~at_target)
-
-
-def _zero(q: Any) -> Any:
-    """Where q is exactly 0."""
-    if isinstance(q, Ball):
-        return (q.middle == 0.0) & (q.radius == 0.0)
-    return (q.high if isinstance(q, Pair) else q) == 0
-
-
-def _symmetric(number: Any, one: Any, density: Any) -> Any:
-    """A_b ρ_a/ρ_b + A_a ρ_b/ρ_a."""
-    if density is None:
-        return one.difference + one.own + one.own
-    back = number.ratio(number.number(np.ones(1)), density)
-    return (one.difference + one.own) * density + one.own * back
-
-
-def _contracted(
-    operator: Operator, found: list[list[Any]], fields: list[Any], dim: int
-) -> list[Any]:
-    """Components of the operator from estimates [field component][derivative component]."""
-    if not fields:
-        return []
-    if operator.name == "divergence":
-        return [sum((found[i][i] for i in range(1, dim)), found[0][0])]
-    if operator.name == "curl":
-        if dim == 2:
-            return [found[1][0] - found[0][1]]
-        return [found[(i + 2) % 3][(i + 1) % 3] - found[(i + 1) % 3][(i + 2) % 3] for i in range(3)]
-    parts = list(found[0])
-    if operator.name == "value" and operator.form == "difference":
-        return [parts[0] + fields[0].own]
-    return parts
-
-
-def _exact_derivatives(operator: Operator, fields: list[Any], dim: int) -> list[Any] | None:
-    """What the components of the estimate stand for, from the samples."""
-    if any(one.derivatives is None for one in fields):
-        return None
-    rows = Operator("gradient").components(dim) if operator.derivatives == 1 else []
-    rows = rows or operator.components(dim)
-    try:
-        found = [
-            [sum((one.derivatives[mu] for mu in row[1:]), one.derivatives[row[0]]) for row in rows]
-            for one in fields
-        ]
-    except KeyError:
-        return None
-    return _contracted(Operator(operator.name), found, fields, dim) if found else None
 
 
 # ------------------------------------------------------------------------------- blocks of targets
@@ -305,7 +91,7 @@ class Task:
             block.stretch,
             self._density(number, block, volume),
         )
-        truth = _exact_derivatives(self.operator, samples, len(s)) if samples else None
+        truth = exact_derivatives(self.operator, samples, len(s)) if samples else None
         errors = None
         if truth is not None:
             errors = [p - t for p, t in zip(parts, truth, strict=True)]
