@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
 
 _BLOCK = 8192  # points at a time: the handful of arrays of a block stay in the first caches
-_DEPTH = 10  # a part is cut into at most 2^10; reached only next to a pair of complex roots
+_DEPTH = 32  # cuts of a piece; more than a few only next to roots outside it
 _DIGITS = 60
 _ROOT_WIDTH = Rational(1, 2**160)
 
@@ -37,12 +37,13 @@ class Power:
     """The factor t^m of a part: (scale·t)^m, whose scale the coefficients of r already contain.
 
     scale is the power of two that makes |r(0)| at most 1, so that t^m is not lost to underflow
-    where the value is not.
+    where the value is not; rest is what the two floats of the centre leave of it.
     """
 
     exponent: int
     scale: float
     compensated: bool
+    rest: float
 
 
 @dataclass(frozen=True)
@@ -90,15 +91,18 @@ def tabulate(kernel: Kernel, dim: int, derivative: int) -> Table:
         for a, b, piece in zip(kernel.knots, kernel.knots[1:], pieces, strict=False)
         for part in _parts(piece, a, b)
     ]
+    ends, _ = _two_floats([part.end for part in parts])
+    centre, centre_low = _two_floats([part.centre for part in parts])
     coefficients = np.zeros((max(len(part.r) for part in parts), len(parts) + 1))
     powers, means = [], []
     with workdps(_DIGITS):
         sigma = mp.mpf(1) / ({1: 2, 2: 2 * mp.pi, 3: 4 * mp.pi}[dim] * _mp(kernel._mass(dim)))
         for column, part in enumerate(parts):
             m, r = part.multiplicity, part.r
+            rest = float(part.centre - _exact(centre[column]) - _exact(centre_low[column]))
             size = mp.frexp(sigma * _mp(r[0]))[1]  # |r(0)| <= 2^size
             shift = -(-size // m) if m and r[0] else 0
-            powers.append(Power(m, 2.0**shift, part.compensated))
+            powers.append(Power(m, 2.0**shift, part.compensated, rest))
             for row, c in enumerate(r):
                 coefficients[row, column] = float(mp.ldexp(sigma * _mp(c), -m * shift))
         for i, knot in enumerate(kernel.knots[1:]):
@@ -106,8 +110,6 @@ def tabulate(kernel: Kernel, dim: int, derivative: int) -> Table:
             right = pieces[i + 1].eval(knot) if i + 1 < len(pieces) else Rational(0)
             if left != right and _is_float(knot):
                 means.append((float(knot), float(sigma * _mp((left + right) / 2))))
-    ends, _ = _two_floats([part.end for part in parts])
-    centre, centre_low = _two_floats([part.centre for part in parts])
     return Table(
         breaks=ends,
         centre=np.append(centre, 0.0),
@@ -146,8 +148,9 @@ def _evaluate_block(table: Table, q: NDArray[np.float64]) -> NDArray[np.float64]
             here = np.nonzero(index == part)[0]
             if here.size and power.compensated:
                 high, low = two_sum(np.broadcast_to(table.centre[part], here.shape), -q[here])
-                low += table.centre_low[part]
-                out[here] = _times_power(out[here], *two_sum(high, low), power)
+                high, error = two_sum(high, table.centre_low[part])
+                low += error + power.rest
+                out[here] = _times_power(out[here], high, low, power)
             elif here.size:
                 factor = power.scale * t[here]
                 for _ in range(power.exponent):
