@@ -1,0 +1,133 @@
+"""sphtrunc sweep: the product of lists of options of measure, resumably."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+import click
+
+from sphtrunc.output import emit
+from sphtrunc.study import AXES, NUMERIC, Study, sweep, to_csv, values
+
+_HELP = {
+    "kernel": "A name, formula or file, as for derive; repeat it for several.",
+    "dim": "Dimension.",
+    "lattice": "uniform; square, hexagonal; cubic, bcc, fcc, hcp.",
+    "dx-over-h": "Particle spacing over smoothing length.",
+    "offset": "Position of the lattice relative to the target, in Δx.",
+    "jitter": "Random displacement σ/Δx.",
+    "distribution": "gaussian, uniform or blue.",
+    "volume": "constant, cell or summation.",
+    "operator": "name, name/form or name/form/correction, as gradient/difference/csph.",
+    "form": "standard, difference, symmetric, direct, brookshaw, fatehi-manzari.",
+    "correction": "none, shepard, csph, csph-shepard, rkpm-1 to rkpm-3.",
+    "h-over-lambda": "Smoothing length over wavelength.",
+}
+
+
+def _axes(function: Callable[..., Any]) -> Callable[..., Any]:
+    for name in reversed(AXES):
+        decorate = click.option(
+            f"--{name}",
+            multiple=True,
+            metavar="SPEC" if name == "kernel" else "LIST",
+            help=f"{_HELP[name]}  [default: {AXES[name] or 'that of measure'}]",
+        )
+        function = decorate(function)
+    return function
+
+
+@click.command(name="sweep")
+@_axes
+@click.option("--targets", type=int, metavar="N", help="Targets of every disordered scene; or")
+@click.option("--rtol", type=float, help="as many as make every rms known to this part. [0.02]")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
+@click.option("--no-predict", is_flag=True, help="Leave the predictions out.")
+@click.option("--workers", type=click.IntRange(1, 1024), default=1, help="Processes.  [default: 1]")
+@click.option("--dask", metavar="HOST:PORT", help="Workers of this Dask scheduler instead.")
+@click.option("-o", "--output", metavar="FILE", help="A .csv, .jsonl or .nc file.")
+def command(
+    targets: int | None,
+    rtol: float | None,
+    seed: int,
+    no_predict: bool,
+    workers: int,
+    dask: str | None,
+    output: str | None,
+    **axes: tuple[str, ...],
+) -> None:
+    """Measure the error at every combination of the options, predictions beside.
+
+    LIST is a,b,c or, for numbers, a range: first:last:n, or first:last:nlog in the logarithm.
+    Stopped, in whatever way, the same command continues; the table is the same to the byte.
+
+    \b
+    sphtrunc sweep --h-over-lambda 1e-3:0.3:9log --dx-over-h 0.2,4/11 --jitter 0,0.05 -o table.csv
+    sphtrunc sweep --kernel cubic-spline --kernel wendland-c2 --dim 3 --dx-over-h 0.7 \\
+                   --operator gradient/standard,gradient/difference/csph --workers 2 -o table.csv
+    """
+    if targets is None and rtol is None:
+        rtol = 0.02
+    study = Study(
+        axes={
+            name: _values(name, given) for name in AXES if (given := axes[name.replace("-", "_")])
+        },
+        rtol=rtol,
+        targets=targets,
+        seed=seed,
+        predict=not no_predict,
+    )
+    with ExitStack() as stack:
+        executor = None if dask is None else stack.enter_context(_dask(dask, stack))
+        try:
+            rows = sweep(study, output, executor=executor, workers=workers, progress=_bar(stack))
+        except KeyboardInterrupt:
+            kept = (
+                "" if output is None else f"; {output}.journal keeps what is done, repeat to go on"
+            )
+            click.echo(f"interrupted{kept}", err=True)
+            sys.exit(130)
+    if output is None:
+        emit(to_csv(rows).rstrip("\n"), None)
+
+
+def _values(name: str, given: tuple[str, ...]) -> tuple[str, ...]:
+    """All values of an axis; a kernel may hold commas, so each is one value."""
+    if name == "kernel":
+        return given
+    try:
+        return tuple(v for text in given for v in values(text, name in NUMERIC))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _dask(address: str, stack: ExitStack) -> Any:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError("dask: distributed is not installed; pip install distributed") from None
+    try:
+        client = stack.enter_context(Client(address, timeout=10))
+    except OSError as error:
+        raise ValueError(f"dask: no scheduler at {address}: {error}") from None
+    return client.get_executor(retries=3)
+
+
+def _bar(stack: ExitStack) -> Callable[[int, int], None] | None:
+    """A progress bar with the time left, on a terminal only."""
+    if not sys.stderr.isatty():
+        return None
+    bar: Any = None
+
+    def update(done: int, expected: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = stack.enter_context(
+                click.progressbar(length=expected, label="scenes", file=sys.stderr)
+            )
+        bar.update(done - bar.pos)
+
+    return update
