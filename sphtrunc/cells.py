@@ -23,10 +23,9 @@ from sphtrunc.lanes import (
     empty_sums,
     list_near,
     load_targets,
-    rows,
     store_sums,
 )
-from sphtrunc.pairs import Plan
+from sphtrunc.pairs import Plan, row_counts
 from sphtrunc.summation import Array
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
@@ -49,17 +48,18 @@ def sum_pairs(
     own: Any,
     reach: Any,
     out: Any,
+    places: int,
 ) -> None:
     """The sums of the targets in `slots` (places among the sorted particles, increasing).
 
     sources: (rows, n) sorted particles; keys: (n,) their cells; starts: (cells + 1,)
     grid: (2, d) origin and 1/size of the cells; counts: (d,) cells along each axis
     order: (n,) which particle each is; own: (rows, n) of targets by particle; reach: (n,) or (1,)
-    out: (sums, targets of the scene)
+    out: (sums, targets of the scene); places: rows of the sources that hold the position
     """
     dim = counts.size
     along = counts[0]
-    buffer = np.empty((own.shape[0] + dim, WIDTH))
+    buffer = np.empty((places + own.shape[0], WIDTH))
     result = np.empty((out.shape[0], WIDTH))
     low, high = np.empty(dim), np.empty(dim)
     near = np.empty(1024, np.int64)
@@ -73,10 +73,10 @@ def sum_pairs(
         radius = 0.0
         for lane in range(WIDTH):
             slot = slots[at + min(lane, size - 1)]
-            for i in range(dim):
+            for i in range(places):
                 buffer[i, lane] = sources[i, slot]
             for i in range(own.shape[0]):
-                buffer[dim + i, lane] = own[i, order[slot]]
+                buffer[places + i, lane] = own[i, order[slot]]
             radius = max(radius, reach[order[slot]] if reach.size > 1 else reach[0])
         for i in range(dim):
             low[i], high[i] = buffer[i].min(), buffer[i].max()
@@ -225,14 +225,15 @@ def sums(
     wanted: Any,
     workers: int,
 ) -> Array:
-    """The sums of a plan, (rows(plan)[2], population).
+    """The sums of a plan, (row_counts(plan)[2], population).
 
     columns: rows of the sources, n numbers each; own: (rows, population) what targets know of
     themselves beyond their place; reach: (population,) or (1,), beyond which nothing contributes
     wanted: (population,) bool, or None for all; particles beyond the population are images
     """
     population = own.shape[1]
-    out = np.zeros((rows(plan)[2], population))
+    out = np.zeros((row_counts(plan)[2], population))
+    places = plan.dim * (2 if plan.low else 1)
     with ThreadPoolExecutor(workers) as pool:
         done = sort(columns, plan.dim, float(reach.max()), pool, workers)
         slots = np.arange(done.order.size)
@@ -256,8 +257,21 @@ def sums(
                     own,
                     reach,
                     out,
+                    places,
                 ),
                 pieces,
             )
         )
     return out
+
+
+def crowd(x: Array, reach: Array) -> float:
+    """How many particles share the cells that a target looks into, on average (sampled)."""
+    grid, counts = grid_for(x, float(reach.max()))
+    some = x[:, :: max(1, x.shape[1] // 65536)]
+    keys = np.zeros(some.shape[1], dtype=np.int64)
+    for axis in range(x.shape[0] - 1, -1, -1):
+        cell = np.clip((some[axis] - grid[0, axis]) * grid[1, axis], 0, counts[axis] - 1)
+        keys = keys * counts[axis] + cell.astype(np.int64)
+    _, number = np.unique(keys, return_counts=True)
+    return float((number.astype(np.float64) ** 2).sum() / keys.size * x.shape[1] / keys.size)

@@ -25,7 +25,7 @@ from numba.extending import (
     unbox,
 )
 
-from sphtrunc.pairs import UNIT, Bounded, BoundedNumbers, Ends, Plan, contributions
+from sphtrunc.pairs import UNIT, Plan, pair_terms, row_counts
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()
@@ -183,18 +183,8 @@ class LaneNumbers:
 # ------------------------------------------------------------------ what a compiled loop may call
 
 
-def rows(plan: Plan) -> tuple[int, int, int]:
-    """Rows of the source array (x, low, V, A, 1/h), of the target buffer (x, low, 1/h, A) and of
-    the sums (themselves, their compensations, their bounds)."""
-    places = plan.dim * (2 if plan.low else 1)
-    own = plan.fields if plan.difference else 0
-    per_term = 1 + int(plan.compensated) + int(plan.bound)
-    sources = places + 1 + plan.fields + int(plan.mode != "one")
-    return sources, places + 1 + own, per_term * len(plan.terms)
-
-
 def _accumulators(plan: Plan) -> Any:
-    return types.UniTuple(lanes_type, rows(plan)[2])
+    return types.UniTuple(lanes_type, row_counts(plan)[2])
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -212,7 +202,7 @@ def empty_sums(typing_context: Any, plan: Any) -> Any:
 @intrinsic  # type: ignore[untyped-decorator]
 def load_targets(typing_context: Any, plan: Any, buffer: Any) -> Any:
     """The rows of a (rows, WIDTH) buffer as lanes."""
-    kind = types.UniTuple(lanes_type, rows(plan.plan)[1])
+    kind = types.UniTuple(lanes_type, row_counts(plan.plan)[1])
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[1])(context, builder, arguments[1]).data
@@ -246,7 +236,7 @@ def add_pair(typing_context: Any, plan: Any, sums: Any, targets: Any, sources: A
         column = builder.mul(arguments[4], ir.Constant(ir.IntType(64), 8))
         start = builder.ptrtoint(array.data, ir.IntType(64))
         start = builder.add(start, column)
-        n_source = rows(plan.plan)[0]
+        n_source = row_counts(plan.plan)[0]
         source = []
         for i in range(n_source):
             place = builder.add(start, builder.mul(stride, ir.Constant(ir.IntType(64), i)))
@@ -318,26 +308,8 @@ def list_near(
 
 def _added(plan: Plan, number: Any, held: list[Any], target: list[Any], source: list[Any]) -> Any:
     """Sums, then their compensations, then their bounds, with one pair more."""
-    n, d = len(plan.terms), plan.dim
-    places = d * (2 if plan.low else 1)
-    numbers: Any = number
-    if plan.bound:
-        numbers = BoundedNumbers(number)
-        target = [Bounded(number, x, 0.0) for x in target]
-        source = [Bounded(number, x, 0.0) for x in source]
-        for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
-            per_h.error = number.size(per_h.value) * UNIT  # 1/h is rounded, what was given is not
-    a = Ends(
-        tuple(target[:d]), tuple(target[d:places]), None, tuple(target[places + 1 :]), target[places]
-    )
-    b = Ends(
-        tuple(source[:d]),
-        tuple(source[d:places]),
-        source[places],
-        tuple(source[places + 1 : places + 1 + plan.fields]),
-        source[-1],
-    )
-    terms = contributions(plan, numbers, a, b)
+    n = len(plan.terms)
+    terms = pair_terms(plan, number, target, source)
     values = [t.value if plan.bound else t for t in terms]
     sums, rest = [], []
     for i, x in enumerate(values):

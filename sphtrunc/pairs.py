@@ -143,11 +143,36 @@ class Ends(NamedTuple):
     x, low: coordinates; volume: V_b (sources only); fields: A; per_h: 1/h
     """
 
-    x: tuple[Any, ...]
-    low: tuple[Any, ...]
+    x: list[Any]
+    low: list[Any]
     volume: Any
-    fields: tuple[Any, ...]
+    fields: list[Any]
     per_h: Any
+
+
+def row_counts(plan: Plan) -> tuple[int, int, int]:
+    """Rows of the sources (x, low, V, A, 1/h), of what targets are (x, low, 1/h, A), and of the
+    sums (themselves, their compensations, their bounds)."""
+    places = plan.dim * (2 if plan.low else 1)
+    own = plan.fields if plan.difference else 0
+    per_term = 1 + int(plan.compensated) + int(plan.bound)
+    sources = places + 1 + plan.fields + int(plan.mode != "one")
+    return sources, places + 1 + own, per_term * len(plan.terms)
+
+
+def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) -> list[Any]:
+    """The contributions of pairs given as rows of numbers, as in `row_counts`."""
+    d = plan.dim
+    places = d * (2 if plan.low else 1)
+    if plan.bound:
+        target = [Bounded(number, x, 0.0) for x in target]
+        source = [Bounded(number, x, 0.0) for x in source]
+        for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
+            per_h.error = number.size(per_h.value) * UNIT  # 1/h is rounded, what was given is not
+        number = BoundedNumbers(number)
+    a = Ends(target[:d], target[d:places], None, target[places + 1 :], target[places])
+    b = Ends(source[:d], source[d:places], source[places], source[places + 1 :], source[-1])
+    return contributions(plan, number, a, b)
 
 
 def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[Any]:

@@ -1,0 +1,293 @@
+"""Pair engine for explicit particles: every sum that operators need, in one pass over the pairs.
+
+Two engines evaluate the same formula (`sphtrunc.pairs`): one compiled by Numba (`sphtrunc.cells`,
+the extra `fast`), one on NumPy and SciPy (`sphtrunc.neighbours`). Both sum the neighbours of a
+target in an order that depends on the particles alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.operators import Key, Operator
+from sphtrunc.pairs import COUNT, UNIT, Plan, Term, base_sum, needed_terms, plan, radial_terms
+from sphtrunc.particles import Particles
+from sphtrunc.summation import Array, dd_add, two_sum
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+
+ENGINES = ("numba", "numpy")
+_REACH = 1.0 + 1e-12  # what is looked at beyond the support: the formula decides what is inside
+_CROWD = 4096.0  # candidates for a target beyond which cells of one size do not fit the particles
+
+
+@dataclass(frozen=True)
+class PairSums:
+    """Sums over the neighbours of T targets, in units of h.
+
+    targets: (T,); neighbours: (T,) particles within the support, the target included
+    base: (δ, α) -> (T,) m[δ, α] = (−1)^{|δ|} Σ V_b/h^d s^α ∂^δŴ
+    fields: (δ, α) -> (F, T), the same with A_b (or A_b − A_a) in every term
+    base_bound, fields_bound: bounds of the rounding errors, if asked for
+    engine: which one summed
+    """
+
+    targets: Any
+    neighbours: Any
+    base: Mapping[Key, Array]
+    fields: Mapping[Key, Array]
+    base_bound: Mapping[Key, Array] | None
+    fields_bound: Mapping[Key, Array] | None
+    engine: str
+
+
+def available() -> tuple[str, ...]:
+    """The engines that can be used here, the fastest first."""
+    return ENGINES if find_spec("numba") else ENGINES[1:]
+
+
+def pair_sums(
+    scene: Particles,
+    kernel: Kernel,
+    keys: Iterable[Key] = (),
+    *,
+    fields: object = (),
+    field_keys: Iterable[Key] = (),
+    difference: bool = False,
+    targets: object = None,
+    precision: str = "plain",
+    bound: bool = False,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> PairSums:
+    """One pass over the pairs of an explicit scene.
+
+    keys: base sums (δ, α), as from `Operator.needed`
+    fields: values at the particles, (n,) or (F, n); field_keys: the (δ, α) they are summed with
+    difference: A_b − A_a in place of A_b
+    targets: indices (T,), None for all
+    precision: "plain" or "compensated"; bound: add bounds of all rounding errors
+    workers: threads, None for all cores; the results do not depend on it
+    engine: "numba" or "numpy", None for the fastest there is
+
+    Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
+    unknown engine, and where the box is smaller than twice the support.
+    """
+    keys, field_keys = list(keys), list(field_keys)
+    values = _field_values(fields, scene.population)
+    chosen, wanted = _targets(targets, scene.population)
+    if precision not in ("plain", "compensated"):
+        raise ValueError(f"precision: got {precision!r}, expected plain or compensated")
+    names = available()
+    if engine is not None and engine not in names:
+        raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
+    zero = (0,) * scene.dim
+    task = plan(
+        kernel,
+        scene.dim,
+        [*needed_terms(keys, len(values), field_keys), Term(COUNT, zero, -1)],
+        fields=len(values),
+        difference=difference,
+        mode="one" if scene.one_h else scene.mode,
+        low=scene.period is not None,
+        compensated=precision == "compensated",
+        bound=bound,
+    )
+    per_h = 1.0 / scene.h
+    columns, reach = _columns(scene, kernel, task, values, per_h)
+    own = np.concatenate([per_h[None], values]) if difference else per_h[None]
+    number = workers if workers is not None else len(os.sched_getaffinity(0))
+    name = engine or names[0]
+    if name == "numba":
+        from sphtrunc import cells
+
+        if engine is None and cells.crowd(np.stack(columns[: scene.dim]), reach) > _CROWD:
+            name = "numpy"
+    if name == "numba":
+        out = cells.sums(task, columns, own, reach, wanted, number)
+    else:
+        from sphtrunc import neighbours
+
+        out = neighbours.sums(task, columns, own, reach, wanted, number)
+    return _gathered(task, out[:, chosen], per_h[chosen], chosen, keys, field_keys, name)
+
+
+def _gathered(
+    task: Plan,
+    out: Array,
+    per_h: Array,
+    chosen: Any,
+    keys: list[Key],
+    field_keys: list[Key],
+    engine: str,
+) -> PairSums:
+    """Base sums out of the rows of an engine, scaled by 1/h^d."""
+    n = len(task.terms)
+    high = out[:n] + out[n : 2 * n] if task.compensated else out[:n]
+    scale = per_h.copy()
+    for _ in range(task.dim - 1):
+        scale *= per_h
+    sums = {t: high[i] * (1.0 if t.k == COUNT else scale) for i, t in enumerate(task.terms)}
+    if not all(np.all(np.isfinite(row)) for row in sums.values()):
+        raise ValueError(
+            "fields: the sums overflow; expected values, volumes and 1/h^d whose products stay"
+            " below 1e308"
+        )
+    errors: dict[Term, Array] | None = None
+    if task.bound:
+        # compensated sums: γ² of what the terms add up to, and one rounding
+        more = UNIT * (2.0 * task.dim + 4.0)
+        inflation = 1.0 + 1e-9 + (1e-2 if task.compensated else 0.0)
+        errors = {
+            t: out[len(out) - n + i] * scale * inflation + more * np.abs(sums[t])
+            for i, t in enumerate(task.terms)
+        }
+    count = range(task.fields)
+
+    def bound(key: Key, field: int) -> Array:
+        assert errors is not None
+        total = np.zeros(out.shape[1])
+        for k, beta in radial_terms(key):
+            total += errors[Term(k, beta, field)]
+        return total + UNIT * np.abs(base_sum(key, field, sums))
+
+    return PairSums(
+        targets=chosen,
+        neighbours=sums[task.terms[-1]].astype(np.int64),
+        base={key: base_sum(key, -1, sums) for key in keys},
+        fields={key: np.stack([base_sum(key, f, sums) for f in count]) for key in field_keys},
+        base_bound={key: bound(key, -1) for key in keys} if task.bound else None,
+        fields_bound={key: np.stack([bound(key, f) for f in count]) for key in field_keys}
+        if task.bound
+        else None,
+        engine=engine,
+    )
+
+
+def _field_values(fields: object, n: int) -> Array:
+    """(F, n) float64."""
+    values = np.asarray(fields, dtype=np.float64)
+    values = values.reshape(0, n) if values.size == 0 else np.atleast_2d(values)
+    if values.ndim != 2 or values.shape[1] != n:
+        raise ValueError(f"fields: got shape {values.shape}, expected ({n},) or (F, {n})")
+    if not np.all(np.isfinite(values)):
+        raise ValueError("fields: got NaN or an infinity, expected finite values")
+    return values
+
+
+def _targets(targets: object, n: int) -> tuple[Any, Any]:
+    """Indices (T,) and which particles they are, (n,) bool or None for all."""
+    if targets is None:
+        return slice(None), None
+    chosen = np.asarray(targets)
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu":
+        raise ValueError("targets: expected a list of whole numbers, the indices of particles")
+    if chosen.size and not (chosen.min() >= 0 and chosen.max() < n):
+        raise ValueError(f"targets: got {chosen.min()} to {chosen.max()}, expected 0 to {n - 1}")
+    wanted = np.zeros(n, dtype=np.bool_)
+    wanted[chosen] = True
+    return chosen.astype(np.int64), wanted
+
+
+def volumes(scene: Particles, kernel: Kernel) -> Array:
+    """V_b of every particle, (n,), by the rule of the scene."""
+    if scene.given is not None:
+        return scene.given
+    return scene._cells() if scene.volume == "cell" else scene._summed(kernel)
+
+
+def _columns(
+    scene: Particles, kernel: Kernel, task: Plan, values: Array, per_h: Array
+) -> tuple[tuple[Array, ...], Array]:
+    """Rows of the sources, images of a periodic box included, and how far each target looks."""
+    support = float(kernel.support)
+    h = scene.h
+    if scene.one_h:
+        reach = h[:1] if np.all(h == h[0]) else h
+    else:
+        reach = np.full(1, h.max()) if scene.mode == "scatter" else 0.5 * (h + h.max())
+    # positions carry their own rounding where they are far from the origin of the box
+    spread = max(float(np.abs(scene.x).max()), 0.0 if scene.period is None else scene.period.max())
+    reach = support * reach * _REACH + 4.0 * UNIT * spread
+    volume = volumes(scene, kernel)
+    extra = [per_h] if task.mode != "one" else []
+    if scene.period is None:
+        return (*scene.x, volume, *values, *extra), reach
+    widest = float(reach.max())
+    if np.any(scene.period <= 2.0 * widest):
+        raise ValueError(
+            f"period: got {scene.period.tolist()}, expected more than twice the support,"
+            f" {2.0 * widest:g}: a particle would meet its own image"
+        )
+    places, source = _with_images(scene.x, scene.period, widest)
+    return (*places, *(row[source] for row in (volume, *values, *extra))), reach
+
+
+def _with_images(x: Array, period: Array, reach: float) -> tuple[list[Array], Any]:
+    """Positions in the box as pairs of floats (d high, d low), then the images within `reach` of
+    it, and which particle each one is."""
+    high, low = [], []
+    for row, box in zip(x, period, strict=True):
+        turns = np.floor(row / box)
+        # row − turns·box without error: the product of a small integer and a float in two parts
+        big = turns * box
+        rest = _product_rest(turns, float(box), big)
+        hi, lo = dd_add(two_sum(row, -big), (-rest, np.zeros_like(rest)))
+        high.append(hi)
+        low.append(lo)
+    dim, n = x.shape
+    parts_high, parts_low = [np.stack(high)], [np.stack(low)]
+    source = [np.arange(n)]
+    for shift in product((-1, 0, 1), repeat=dim):
+        if not any(shift):
+            continue
+        near = np.ones(n, dtype=np.bool_)
+        for i, k in enumerate(shift):
+            if k:
+                near &= high[i] < reach if k > 0 else high[i] >= period[i] - reach
+        which = np.flatnonzero(near)
+        if not which.size:
+            continue
+        moved_high, moved_low = parts_high[0][:, which].copy(), parts_low[0][:, which].copy()
+        for i, k in enumerate(shift):
+            if k:
+                both = (moved_high[i], moved_low[i])
+                box = np.full(which.size, k * period[i])
+                moved_high[i], moved_low[i] = dd_add(both, (box, np.zeros_like(box)))
+        parts_high.append(moved_high)
+        parts_low.append(moved_low)
+        source.append(which)
+    places = [*np.concatenate(parts_high, axis=1), *np.concatenate(parts_low, axis=1)]
+    return places, np.concatenate(source)
+
+
+def _product_rest(a: Array, b: float, product_: Array) -> Array:
+    """a·b − fl(a·b)."""
+    from sphtrunc.summation import two_product
+
+    high, rest = two_product(a, np.full_like(a, b))
+    return np.asarray(rest + (high - product_))
+
+
+def weights(
+    scene: Particles,
+    kernel: Kernel,
+    operator: Operator,
+    *,
+    axis: int = 0,
+    targets: object = None,
+) -> Any:
+    """The operator as a matrix: a scipy.sparse CSR array w, (T, n), with ⟨D A⟩ = w A h^{-k}.
+
+    axis: which component of the estimate; targets: as for `pair_sums`.
+    A difference form subtracts Σ_b w_b on the diagonal.
+    """
+    raise NotImplementedError
