@@ -189,12 +189,25 @@ def _parts(piece: Poly, a: Rational, b: Rational) -> list[Part]:
     """The parts of a piece on [a, b], from the inside out: between its real roots, cut to fit."""
     roots: dict[Rational, int] = {}
     if piece.degree() > 0:
-        for (low, high), multiplicity in piece.intervals(eps=_ROOT_WIDTH, inf=a, sup=b):
-            roots[(low + high) / 2] = multiplicity
+        simple = piece.sqf_part()
+        for (low, high), multiplicity in piece.intervals(inf=a, sup=b):
+            roots[_root(simple, low, high)] = multiplicity
     marks = sorted({a, *roots, b})
     return [
         part for left, right in pairwise(marks) for part in _cut(piece, left, right, roots, _DEPTH)
     ]
+
+
+def _root(simple: Poly, low: Rational, high: Rational) -> Rational:
+    """The root between the two, where a polynomial without multiple roots changes sign."""
+    rising = bool(simple.eval(high) > 0 or simple.eval(low) < 0)
+    while high - low > _ROOT_WIDTH:
+        middle = (low + high) / 2
+        value = simple.eval(middle)
+        if value == 0:
+            return middle
+        low, high = (low, middle) if (value > 0) == rising else (middle, high)
+    return (low + high) / 2
 
 
 def _cut(

@@ -116,7 +116,6 @@ class Exact:
         """Integers n, e with the function at points[k] equal to n[k] / (2 scale 2^{e[k]})."""
         numerators, exponents = [], []
         floats = points.tolist()
-        # the index of the piece: compare floats with floats, correcting the rounding of the knots
         for q in floats:
             if q == inf:
                 numerators.append(0)
@@ -152,29 +151,30 @@ class Exact:
                 return -1
         return len(self.whole)
 
-    def terms(self, points: np.ndarray) -> np.ndarray:
-        """Σ|c_i t^i| of the local expansion (not normalised); on a knot the larger side's."""
-        ends = np.array([float(k) for k in self.knots])
+    def terms(self, points: np.ndarray, sigma: float) -> np.ndarray:
+        """σ Σ|c_i t^i| of the local expansion; on a knot the larger side's."""
+        ends = [float(k) for k in self.knots]
+        rests = [float(k - Fraction(end)) for k, end in zip(self.knots, ends, strict=True)]
         result = np.zeros(points.shape)
         q = points.astype(np.float64)
         for i, coefficients in enumerate(self.local):
-            inside = (q >= ends[i]) & (q <= ends[i + 1])
-            t = np.abs(ends[i + 1] - q[inside])
+            a, b = np.nextafter(ends[i], -inf), np.nextafter(ends[i + 1], inf)
+            inside = (q >= a) & (q <= b)
+            t = np.abs((ends[i + 1] - q[inside]) + rests[i + 1])
             total = np.zeros_like(t)
             for c in reversed(coefficients):
-                total = total * t + c
+                total = total * t + sigma * c
             result[inside] = np.maximum(result[inside], total)
         return result
 
 
 def errors(
-    exact: Exact, points: np.ndarray, computed: dict[int, np.ndarray], derivative: int
+    exact: Exact, points: np.ndarray, computed: dict[int, np.ndarray], in_terms: bool
 ) -> dict[int, np.ndarray]:
-    """The error of each computed value, in the units of the table, for each dimension."""
+    """The error of each computed value, in eps Σ|terms| or in ULP, for each dimension."""
     single = points.dtype == np.float32
     eps, smallest = (2.0**-23, 2.0**-149) if single else (2.0**-52, 2.0**-1074)
     numerators, exponents = exact.numerators(points)
-    terms = exact.terms(points) if derivative else None
     result = {}
     for dim, values in computed.items():
         mass = exact.mass[dim]
@@ -189,7 +189,7 @@ def errors(
             target, below = n * factor, divisor << (e + pi_bits)
             top, bottom = y.as_integer_ratio()
             difference = abs(top * below - target * bottom)
-            if derivative:
+            if in_terms:
                 distances.append(difference / (below * bottom))
             else:
                 near = abs(target / below)
@@ -199,14 +199,14 @@ def errors(
                 unit_top, unit_bottom = unit.as_integer_ratio()
                 distances.append(difference * unit_bottom / (below * bottom * unit_top))
         distance = np.array(distances)
-        if derivative:
+        if in_terms:
             sigma = abs(float(1 / mass)) / (1 if dim == 1 else np.pi)
-            distance /= np.maximum(eps * sigma * terms, smallest)
+            distance /= np.maximum(eps * exact.terms(points, sigma), smallest)
         result[dim] = distance
     return result
 
 
-def sample(shape: Kernel, dtype: type, count: int, seed: int = 0) -> np.ndarray:
+def sample(shape: Kernel, dtype: type, count: int, seed: int = 0, parts: int = 64) -> np.ndarray:
     """At least `count` points q ≥ 0 where floating-point kernels go wrong, if they do."""
     generator = np.random.default_rng(seed)
     knots = [float(k) for k in shape.knots]
@@ -218,7 +218,7 @@ def sample(shape: Kernel, dtype: type, count: int, seed: int = 0) -> np.ndarray:
     steps = np.arange(-6, 7)
     anchors = set(knots[1:])
     for a, b in pairwise(knots):
-        anchors.update((a + (b - a) * np.arange(1, 64) / 64).tolist())
+        anchors.update((a + (b - a) * np.arange(1, parts) / parts).tolist())
     for anchor in sorted(anchors):
         rounded = dtype(anchor)
         near.append((float(rounded) + steps * float(np.spacing(rounded))).astype(np.float64))
@@ -239,7 +239,9 @@ def rows(name: str, dtype: str, count: int, seed: int = 0) -> list[dict[str, obj
     result: list[dict[str, object]] = []
     for function, derivative in FUNCTIONS.items():
         computed = {d: getattr(shape, function)(points, d) for d in (1, 2, 3)}
-        for dim, error in errors(Exact(shape, derivative), points, computed, derivative).items():
+        for dim, error in errors(
+            Exact(shape, derivative), points, computed, derivative > 0
+        ).items():
             worst = int(np.argmax(error))
             result.append(
                 dict(
