@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,14 @@ from sphtrunc.constants import Constant, constant, number
 from sphtrunc.faults import Fault
 from sphtrunc.kernel import SPHERE, Kernel, dimension
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.recognition import ANALYTIC, Analytic, Match, exact_match, recognise_samples
+from sphtrunc.recognition import (
+    ANALYTIC,
+    Analytic,
+    Match,
+    conventions,
+    exact_match,
+    recognise_samples,
+)
 from sphtrunc.reconstruction import fixed, values
 from sphtrunc.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load, node_spacing
 
@@ -183,7 +191,7 @@ def audit_formula(
 
 
 def audit_list(path: str | Path) -> list[Audit]:
-    """Audit every kernel of a TOML list: [[kernel]] tables with the arguments of the functions above.
+    """Audit every kernel of a TOML list: [[kernel]] tables, with the arguments above.
 
     Each has `subject` (or `project`, `file`, `version`) and `dim` with either `formula` and
     `constant` (a text, or one for each dimension), `python`, or `table`.
@@ -282,7 +290,7 @@ def _report(
     if samples is not None:
         if samples.power_of_h is not None:
             found.append(slips.power_of_h(samples.power_of_h, dim))
-        if match.unit == SINGLE and samples.unit == DOUBLE:
+        if match.unit == SINGLE and samples.unit == DOUBLE and samples.function is not None:
             found.append(
                 Fault(
                     slips.SINGLE_PRECISION,
@@ -367,7 +375,7 @@ def _crossings(q: NDArray[np.float64], values_: NDArray[np.float64]) -> tuple[fl
     keep = np.nonzero(v)[0]
     places = [
         float(q[a] + (q[b] - q[a]) * abs(v[a]) / (abs(v[a]) + abs(v[b])))
-        for a, b in zip(keep, keep[1:], strict=False)
+        for a, b in pairwise(keep)
         if v[a] * v[b] < 0
     ]
     return tuple(round(p, 5) for p in places)
@@ -379,7 +387,7 @@ def _convention(match: Match, dim: int) -> str:
         if match.shape.name == "gaussian":
             return f"the h of exp(-({match.scale:.9g} r/h)²), cut off at {match.support:.6g}h"
         return "the support radius" if match.support == 1 else f"{1 / match.support:.6g} supports"
-    for what, support in slips.conventions(match.shape, dim):
+    for what, support in conventions(match.shape, dim):
         # constants such as 1.825742 are written to seven digits
         if abs(match.support / support - 1) <= max(1e-6, 2 * match.support_error):
             if what == "h":

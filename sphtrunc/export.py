@@ -1,4 +1,4 @@
-"""Golden values of a kernel for the tests of other codes: exact strings and correctly rounded digits.
+"""Golden values of a kernel for the tests of other codes: exact strings, correctly rounded digits.
 
 Everything is computed in exact rational arithmetic and multiplied by σ_d at 50 digits more than
 are written.

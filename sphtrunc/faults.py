@@ -18,7 +18,7 @@ from sympy import QQ, Expr, Integer, Poly, Rational, pi, sqrt
 
 from sphtrunc.constants import DIGITS, number, recognise
 from sphtrunc.kernel import SPHERE, Kernel, q
-from sphtrunc.recognition import ANALYTIC, Analytic, Match, profiles
+from sphtrunc.recognition import ANALYTIC, Analytic, Match, conventions, profiles
 from sphtrunc.reconstruction import reconstruct
 from sphtrunc.samples import DOUBLE, SINGLE, Samples
 
@@ -58,36 +58,6 @@ class Fault:
     kind: str
     message: str
     also: tuple[str, ...] = ()
-
-
-def conventions(kernel: Kernel, dim: int) -> Iterator[tuple[str, float]]:
-    """What a smoothing length may be, and the support in units of it."""
-    support = float(kernel.support)
-    sigma = float(number(sqrt(kernel.moment(2, dim) / dim)))
-    yield "h", support
-    yield "the support radius", 1.0
-    yield "2σ", support / (2 * sigma)
-    yield "σ", support / sigma
-    half = half_width(kernel)
-    if half:
-        yield "the full width at half maximum", support / (2 * half)
-        yield "the half width at half maximum", support / half
-
-
-def half_width(kernel: Kernel) -> float:
-    """Where w falls to half its value at the origin, by bisection; 0 if that is not positive."""
-    top = kernel.pieces[0].eval(0)
-    if not top > 0:
-        return 0.0
-    low, high = Rational(0), kernel.support
-    for _ in range(60):
-        middle = Rational((low + high) / 2)
-        piece = next(p for k, p in zip(kernel.knots[1:], kernel.pieces, strict=True) if middle <= k)
-        if 2 * piece.eval(middle) > top:
-            low = middle
-        else:
-            high = middle
-    return float(low)
 
 
 def constant_slips(match: Match, dim: int) -> Iterator[tuple[str, str, Any]]:

@@ -7,7 +7,7 @@ of writing the kernel, plus what the table leaves open, plus what the support le
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -16,7 +16,7 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Expr, Rational, pi
+from sympy import Expr, Rational, pi, sqrt
 
 from sphtrunc import catalogue
 from sphtrunc.constants import DIGITS, number
@@ -216,26 +216,52 @@ def _matched(
     expanded: bool,
 ) -> Match | None:
     low, high = samples.support
-    tried: set[float] = set()
-    if math.isfinite(high) and high - low <= 4 * DOUBLE * high:
-        trials = [(nice(high, 4 * DOUBLE), 2 * DOUBLE), (high, 4 * DOUBLE)]
-        for support, error in trials:
-            if support not in tried:
-                tried.add(support)
-                found = compare(kernel, samples, support, error, dim, unit, spacing, expanded)
-                if found is not None:
-                    return found
-    fitted = _fit_support(kernel, samples, guess, unit, spacing, expanded)
-    if fitted is None:
-        return None
-    support, error = fitted
-    simple = nice(support, error)
-    for value in (float(kernel.support), simple):
-        if abs(value - support) <= error * support and value not in tried:
-            found = compare(kernel, samples, value, 2 * DOUBLE, dim, unit, spacing, expanded)
-            if found is not None:
-                return found
-    return compare(kernel, samples, support, error, dim, unit, spacing, expanded)
+    bisected = math.isfinite(high) and high - low <= 4 * DOUBLE * high
+    near: list[tuple[float, float]] = []
+    if bisected:  # to a few units of the last place: the last values may have underflowed
+        near = [(nice(high, 64 * DOUBLE), 2 * DOUBLE), (high, 64 * DOUBLE)]
+    if not bisected or unit == SINGLE:
+        fitted = _fit_support(kernel, samples, guess, unit, spacing, expanded)
+        if fitted is not None:
+            support, error = fitted
+            usual = [*(end for _, end in conventions(kernel, dim)), nice(support, 1e-4)]
+            close = [end for end in usual if abs(end - support) <= max(error, 1e-3) * support]
+            near = [*((end, 2 * DOUBLE) for end in close), fitted, *near]
+    for support, error in dict.fromkeys(near):
+        found = compare(kernel, samples, support, error, dim, unit, spacing, expanded)
+        if found is not None:
+            return found
+    return None
+
+
+def conventions(kernel: Kernel, dim: int) -> Iterator[tuple[str, float]]:
+    """What a smoothing length may be, and the support in units of it."""
+    support = float(kernel.support)
+    sigma = float(number(sqrt(kernel.moment(2, dim) / dim)))
+    yield "h", support
+    yield "the support radius", 1.0
+    yield "2σ", support / (2 * sigma)
+    yield "σ", support / sigma
+    half = half_width(kernel)
+    if half:
+        yield "the full width at half maximum", support / (2 * half)
+        yield "the half width at half maximum", support / half
+
+
+def half_width(kernel: Kernel) -> float:
+    """Where w falls to half its value at the origin, by bisection; 0 if that is not positive."""
+    top = kernel.pieces[0].eval(0)
+    if not top > 0:
+        return 0.0
+    low, high = Rational(0), kernel.support
+    for _ in range(60):
+        middle = Rational((low + high) / 2)
+        piece = next(p for k, p in zip(kernel.knots[1:], kernel.pieces, strict=True) if middle <= k)
+        if 2 * piece.eval(middle) > top:
+            low = middle
+        else:
+            high = middle
+    return float(low)
 
 
 def nice(value: float, error: float) -> float:
@@ -389,7 +415,6 @@ def _analytic(samples: Samples, dim: int, unit: float) -> Match | None:
             if scale**2 and abs(nice(-width, 1e-9) - (-width)) < 1e-9 * -width:
                 scale = math.sqrt(nice(-width, 1e-9))
         model = shape.shape(q * scale)
-        weight = np.maximum(np.abs(model), 1e-3)
         amplitude = float(np.median((y / model)[: max(4, len(q) // 3)]))
         argument = (q * scale) ** 2 if shape.name == "gaussian" else np.full_like(q, 8.0)
         spare = 1e-12 if shape.name == "gaussian" and scale not in (1.0,) else 0.0

@@ -26,6 +26,7 @@ MAX_FILE = 1 << 24  # bytes of a table
 MAX_RANGE = 64.0  # a kernel that has not vanished by then has no end
 LEAST_POINTS = 16
 DOUBLE, SINGLE = 2.0**-53, 2.0**-24  # rounding units
+SINGLE_DIGITS = 5e-11  # half a unit of the tenth digit: single precision is written with nine
 SIGNATURE = re.compile(r"\s*\w+\s*\(\s*([a-z]+(?:\s*,\s*[a-z]+)*)\s*\)\s*", re.ASCII)
 
 
@@ -258,7 +259,11 @@ def from_table(path: str | Path, dim: int) -> Samples:
         raise ValueError(f"table {file}: W is zero everywhere")
     last = int(inside[-1])
     end = float(q[last + 1]) if last + 1 < len(q) else math.inf
-    single = bool(np.all(w.astype(np.float32) == w)) and "h" not in columns
+    # written from single precision: exactly its values, or no more digits than it has
+    some = w != 0
+    single = bool(np.all(w.astype(np.float32) == w)) or bool(
+        np.median(error[some] / np.abs(w[some])) > SINGLE_DIGITS
+    )
     unit = SINGLE if single else DOUBLE
     if dw is not None and errors.any():
         slope_error = slope_error + errors * np.max(np.abs(np.gradient(dw, q)))
