@@ -83,16 +83,9 @@ def checked(argument: ArrayLike) -> NDArray[np.floating[Any]]:
 @lru_cache(maxsize=256)
 def tabulate(kernel: Kernel, dim: int, derivative: int) -> Table:
     """The table of σ_d w^{(derivative)}(q)."""
-    pieces = list(kernel.pieces)
-    for _ in range(derivative):
-        pieces = [p.diff() for p in pieces]
-    parts = [
-        part
-        for a, b, piece in zip(kernel.knots, kernel.knots[1:], pieces, strict=False)
-        for part in _parts(piece, a, b)
-    ]
-    ends, _ = _two_floats([part.end for part in parts])
-    centre, centre_low = _two_floats([part.centre for part in parts])
+    pieces, parts = _expanded(kernel, derivative)
+    centre = np.array([float(part.centre) for part in parts])
+    centre_low = np.array([float(part.centre - _exact(float(part.centre))) for part in parts])
     coefficients = np.zeros((max(len(part.r) for part in parts), len(parts) + 1))
     powers, means = [], []
     with workdps(_DIGITS):
@@ -111,7 +104,7 @@ def tabulate(kernel: Kernel, dim: int, derivative: int) -> Table:
             if left != right and _is_float(knot):
                 means.append((float(knot), float(sigma * _mp((left + right) / 2))))
     return Table(
-        breaks=ends,
+        breaks=np.array([_below(part.end) for part in parts]),
         centre=np.append(centre, 0.0),
         centre_low=np.append(centre_low, 0.0),
         coefficients=coefficients,
@@ -185,6 +178,20 @@ class Part(NamedTuple):
     compensated: bool
 
 
+@lru_cache(maxsize=256)
+def _expanded(kernel: Kernel, derivative: int) -> tuple[list[Poly], list[Part]]:
+    """The derivative's pieces, and their parts from the inside out; the same in any dimension."""
+    pieces = list(kernel.pieces)
+    for _ in range(derivative):
+        pieces = [p.diff() for p in pieces]
+    parts = [
+        part
+        for a, b, piece in zip(kernel.knots, kernel.knots[1:], pieces, strict=False)
+        for part in _parts(piece, a, b)
+    ]
+    return pieces, parts
+
+
 def _parts(piece: Poly, a: Rational, b: Rational) -> list[Part]:
     """The parts of a piece on [a, b], from the inside out: between its real roots, cut to fit."""
     roots: dict[Rational, int] = {}
@@ -250,14 +257,10 @@ def _fits(terms: list[Rational], inexact: int, allowed: int) -> bool:
     return bool(room[0] + sum(c for c in room[1:] if c < 0) >= 0)
 
 
-def _two_floats(values: list[Rational]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The largest floats not above the values, and what remains."""
-    high = []
-    for value in values:
-        near = float(value)
-        high.append(near if _exact(near) <= value else float(np.nextafter(near, -np.inf)))
-    low = [float(value - _exact(x)) for value, x in zip(values, high, strict=True)]
-    return np.array(high), np.array(low)
+def _below(value: Rational) -> float:
+    """The largest float not above the value."""
+    near = float(value)
+    return near if _exact(near) <= value else float(np.nextafter(near, -np.inf))
 
 
 def _is_float(value: Rational) -> bool:
