@@ -29,7 +29,7 @@ from sphtrunc.recognition import (
     recognise_samples,
 )
 from sphtrunc.reconstruction import fixed, values
-from sphtrunc.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load, node_spacing
+from sphtrunc.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load
 
 SCHEMA = "sphtrunc.audit/1"
 PUBLISHED = Path(__file__).with_name("published.toml")
@@ -256,15 +256,12 @@ def _entry(entry: Mapping[str, Any], folder: Path) -> list[Audit]:
 
 def judge(samples: Samples, dim: int, subject: str, given: Constant | None = None) -> Audit:
     """What samples of a kernel say about it."""
-    notes = []
+    notes: list[str] = []
     match = recognise_samples(samples, dim)
     if match is None:
-        spacing = node_spacing(samples)
-        if spacing:
-            match = recognise_samples(samples, dim, spacing)
-            notes.append(f"interpolated linearly between nodes {spacing:.3g} h apart")
-    if match is None:
         return _numeric(samples, dim, subject, notes)
+    if match.spacing:
+        notes.append(f"interpolated linearly between nodes {match.spacing:.3g} h apart")
     if given is not None:
         match = replace(match, integral_error=max(match.integral_error, float(given.error)))
     return _report(match, samples, dim, subject, notes)
@@ -275,7 +272,7 @@ def _report(
 ) -> Audit:
     found: list[Fault] = []
     said = list(notes)
-    shape = slips.explain_shape(match)
+    shape = slips.explain_shape(match, dim)
     wrong = slips.explain_truncation(match, dim)
     if shape is not None:
         whole = float(slips.number_of(match.integral))

@@ -14,7 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
-from sympy import QQ, Expr, Integer, Poly, Rational, pi, sqrt
+from sympy import QQ, Expr, Integer, Poly, Rational, pi
 
 from sphtrunc.constants import DIGITS, number, recognise
 from sphtrunc.kernel import SPHERE, Kernel, q
@@ -281,65 +281,77 @@ def _alike(a: int, b: int) -> bool:
 # -- shapes ---------------------------------------------------------------------------------------
 
 
-def explain_shape(match: Match) -> Fault | None:
-    """A reconstructed kernel that differs from one of the catalogue in one or two terms."""
+def explain_shape(match: Match, dim: int) -> Fault | None:
+    """A reconstructed kernel that is one of the catalogue but for a term or two.
+
+    It is a misprint where it is not normalised, or less smooth than the one it resembles.
+    """
     if match.known or not isinstance(match.shape, Kernel):
         return None
-    best: tuple[int, str, str] | None = None
+    normalised = abs(number_of(match.integral) - 1) <= max(match.integral_error, 1e-40)
+    best: list[str] = []
+    name = ""
     for kernel, _ in profiles():
-        for edge in (False, True):
-            differing = _differences(match.shape, kernel, edge)
-            if differing is not None and (best is None or len(differing) < best[0]):
-                best = (len(differing), kernel.name, "; ".join(differing))
-    if best is not None and 0 < best[0] <= 2:
-        return Fault(MISPRINT, f"not quite {best[1]}: {best[2]}")
+        if normalised and kernel.smoothness <= match.shape.smoothness:
+            continue
+        for differing in (_differences(match.shape, kernel), _factored(match.shape, kernel)):
+            if differing and (not best or len(differing) < len(best)):
+                best, name = differing, kernel.name
+    if best:
+        return Fault(MISPRINT, f"not quite {name}: {'; '.join(best)}")
     for knot, order in match.shape.knot_smoothness().items():
         if order == -1 and 0 < knot < match.shape.support:
             return Fault(DISCONTINUOUS, f"w jumps at q = {knot}, inside its support")
     return None
 
 
-def _differences(found: Kernel, known: Kernel, edge: bool) -> list[str] | None:
-    """The terms in which two kernels differ, for the scale that leaves the fewest; None: too many.
-
-    Both on the support of the first, in powers of q or of κ − q.
-    """
-    if len(found.pieces) != len(known.pieces) or abs(found.degree - known.degree) > 1:
-        return None
+def _differences(found: Kernel, known: Kernel) -> list[str]:
+    """The terms in powers of q in which two kernels differ; empty where it is not a few of many."""
+    if len(found.pieces) != len(known.pieces):
+        return []
     other = known.scaled(found.support)
-    tables = []
-    for kernel in (found, other):
-        rows = []
-        for piece in kernel.pieces:
-            local = piece.shift(kernel.support) if edge else piece
-            table = list(reversed(local.all_coeffs()))
-            rows.append([-c if edge and i % 2 else c for i, c in enumerate(table)])
-        tables.append(rows)
     flat = [
-        (i, power, _at(left, power), _at(right, power))
-        for i, (left, right) in enumerate(zip(*tables, strict=True))
-        for power in range(max(len(left), len(right)))
+        (i, power, left.nth(power), right.nth(power))
+        for i, (left, right) in enumerate(zip(found.pieces, other.pieces, strict=True))
+        for power in range(max(found.degree, other.degree) + 1)
     ]
-    terms = sum(1 for *_, a, b in flat if a or b)
-    best: list[str] | None = None
+    right_terms = sum(1 for *_, b in flat if b)
+    best: list[tuple[int, int, Rational, Rational]] = []
     for scale in {a / b for *_, a, b in flat if a and b}:
         wrong = [(i, power, a, b * scale) for i, power, a, b in flat if a != b * scale]
-        if len(wrong) > 2 or terms < len(wrong) + 2 or (best and len(best) <= len(wrong)):
-            continue
-        variable = f"({found.support} - q)" if edge else "q"
-        best = [
-            f"on {found.knots[i]}..{found.knots[i + 1]} the term {variable}^{power} has {a},"
-            f" where the other terms ask for {b}"
-            for i, power, a, b in wrong
-        ]
-        if found.knots != other.knots:
-            inner = ", ".join(str(k) for k in other.knots[1:-1])
-            best.append(f"knots should be at {inner}")
-    return best
+        if 4 * len(wrong) <= right_terms and (not best or len(wrong) < len(best)):
+            best = wrong
+    told = [
+        f"on {found.knots[i]}..{found.knots[i + 1]} the term q^{power} has {a},"
+        f" where the other terms ask for {b}"
+        for i, power, a, b in best
+    ]
+    if told and found.knots != other.knots:
+        told.append(f"its knots should be {', '.join(str(k) for k in other.knots[1:-1])}")
+    return told
 
 
-def _at(table: list[Rational], power: int) -> Rational:
-    return table[power] if power < len(table) else Rational(0)
+def _factored(found: Kernel, known: Kernel) -> list[str]:
+    """The same for kernels of one piece, (1 − u)^m times a short polynomial in u = q/κ."""
+    if len(found.pieces) != 1 or len(known.pieces) != 1:
+        return []
+    order = known.boundary_smoothness + 1
+    if found.boundary_smoothness + 1 != order or order < 3:
+        return []
+    power = Poly(1 - q, q, domain=QQ) ** order
+    left, right = (k.scaled(1).pieces[0].quo(power) for k in (found, known))
+    if left.degree() != right.degree() or not left.nth(0) or not right.nth(0):
+        return []
+    wrong = [
+        (n, left.nth(n) / left.nth(0), right.nth(n) / right.nth(0))
+        for n in range(1, left.degree() + 1)
+    ]
+    told = [
+        f"the factor beside (1 - u)^{order}, u = q/κ, has {a} u^{n}, expected {b} u^{n}"
+        for n, a, b in wrong
+        if a != b
+    ]
+    return told if len(told) == 1 else []
 
 
 # -- derivatives ----------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from sphtrunc import catalogue
 from sphtrunc.constants import DIGITS, number
 from sphtrunc.kernel import Kernel
 from sphtrunc.reconstruction import fixed, magnitudes, reconstruct, values
-from sphtrunc.samples import DOUBLE, SINGLE, Samples
+from sphtrunc.samples import DOUBLE, SINGLE, Samples, node_spacing
 
 Array = NDArray[np.float64]
 
@@ -94,6 +94,7 @@ class Match:
     integral_error: float
     unit: float
     written: Kernel | None = None  # as its author wrote it, where that is known
+    spacing: float = 0.0  # of the nodes, where the values are interpolated linearly between them
 
     @property
     def name(self) -> str:
@@ -122,20 +123,29 @@ def fraction(value: Rational) -> Fraction:
     return Fraction(int(value.p), int(value.q))
 
 
-def recognise_samples(samples: Samples, dim: int, spacing: float = 0.0) -> Match | None:
+def recognise_samples(samples: Samples, dim: int) -> Match | None:
     """The kernel behind the samples, in the precision they have, or None.
 
-    spacing: of the nodes, where the values are interpolated linearly between them.
+    In double precision; then as a table interpolated linearly; then in single precision.
     """
-    units = (SINGLE,) if samples.unit == SINGLE else (DOUBLE, SINGLE)
-    for unit in units:
-        found = _catalogued(samples, dim, unit, spacing, False) or _analytic(samples, dim, unit)
-        found = found or _catalogued(samples, dim, unit, spacing, True)
-        if found is None and not spacing:
-            found = _reconstructed(samples, dim, unit)
+    if samples.unit == DOUBLE:
+        found = _in_precision(samples, dim, DOUBLE)
         if found is not None:
             return found
-    return None
+        spacing = node_spacing(samples)
+        if spacing:
+            found = _catalogued(samples, dim, DOUBLE, spacing, False)
+            return replace(found, spacing=spacing) if found is not None else None
+    return _in_precision(samples, dim, SINGLE)
+
+
+def _in_precision(samples: Samples, dim: int, unit: float) -> Match | None:
+    return (
+        _catalogued(samples, dim, unit, 0.0, False)
+        or _analytic(samples, dim, unit)
+        or _catalogued(samples, dim, unit, 0.0, True)
+        or _reconstructed(samples, dim, unit)
+    )
 
 
 def rounding(kernel: Kernel, q: Array, shape: Array, slope: Array, expanded: bool) -> Array:
@@ -227,6 +237,11 @@ def _matched(
             usual = [*(end for _, end in conventions(kernel, dim)), nice(support, 1e-4)]
             close = [end for end in usual if abs(end - support) <= max(error, 1e-3) * support]
             near = [*((end, 2 * DOUBLE) for end in close), fitted, *near]
+        else:  # a shape without slope says nothing about its support but what the samples do
+            end = min(high, low + float(samples.q[-1] - samples.q[-2]))
+            usual = [end for _, end in conventions(kernel, dim)]
+            near += [(value, 2 * DOUBLE) for value in usual if low <= value <= end]
+            near.append((low, max((end - low) / low, DOUBLE)))
     for support, error in dict.fromkeys(near):
         found = compare(kernel, samples, support, error, dim, unit, spacing, expanded)
         if found is not None:
