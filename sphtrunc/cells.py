@@ -139,7 +139,14 @@ def _offsets(histograms: Any, starts: Any) -> None:
 
 @njit(**_OPTIONS)
 def _place(
-    columns: Any, begin: int, end: int, keys: Any, places: Any, sources: Any, sorted_keys: Any, order: Any
+    columns: Any,
+    begin: int,
+    end: int,
+    keys: Any,
+    places: Any,
+    sources: Any,
+    sorted_keys: Any,
+    order: Any,
 ) -> None:
     """Copy the particles to where they belong."""
     for i in range(begin, end):
@@ -186,7 +193,9 @@ def grid_for(x: Array, reach: float) -> tuple[Array, Any]:
         size = size * 2.0
 
 
-def sort(columns: tuple[Array, ...], dim: int, reach: float, pool: ThreadPoolExecutor, threads: int) -> Sorted:
+def sort(
+    columns: tuple[Array, ...], dim: int, reach: float, pool: ThreadPoolExecutor, threads: int
+) -> Sorted:
     """Sort particles, given as columns of n numbers (positions first), into cells: stable, so that
     the result depends on no number of threads."""
     x = np.stack(columns[:dim])

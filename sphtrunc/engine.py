@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.operators import Key, Operator
+from sphtrunc.operators import Key
 from sphtrunc.pairs import COUNT, UNIT, Plan, Term, base_sum, needed_terms, plan, radial_terms
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array, dd_add, two_sum
@@ -52,6 +52,19 @@ class PairSums:
 def available() -> tuple[str, ...]:
     """The engines that can be used here, the fastest first."""
     return ENGINES if find_spec("numba") else ENGINES[1:]
+
+
+def threads(workers: int | None) -> int:
+    """The number of threads asked for; None: one for each core there is."""
+    if workers is None:
+        return (
+            len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count() or 1
+        )
+    if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
+        raise ValueError(f"workers: got {workers!r}, expected a number of threads from 1")
+    return workers
 
 
 def pair_sums(
@@ -102,9 +115,9 @@ def pair_sums(
         bound=bound,
     )
     per_h = 1.0 / scene.h
-    columns, reach = _columns(scene, kernel, task, values, per_h)
+    columns, reach, _ = _columns(scene, kernel, task, values, per_h)
     own = np.concatenate([per_h[None], values]) if difference else per_h[None]
-    number = workers if workers is not None else len(os.sched_getaffinity(0))
+    number = threads(workers)
     name = engine or names[0]
     if name == "numba":
         from sphtrunc import cells
@@ -154,10 +167,10 @@ def _gathered(
 
     def bound(key: Key, field: int) -> Array:
         assert errors is not None
-        total = np.zeros(out.shape[1])
+        total: Array = UNIT * np.abs(base_sum(key, field, sums))
         for k, beta in radial_terms(key):
-            total += errors[Term(k, beta, field)]
-        return total + UNIT * np.abs(base_sum(key, field, sums))
+            total = total + errors[Term(k, beta, field)]
+        return total
 
     return PairSums(
         targets=chosen,
@@ -206,8 +219,9 @@ def volumes(scene: Particles, kernel: Kernel) -> Array:
 
 def _columns(
     scene: Particles, kernel: Kernel, task: Plan, values: Array, per_h: Array
-) -> tuple[tuple[Array, ...], Array]:
-    """Rows of the sources, images of a periodic box included, and how far each target looks."""
+) -> tuple[tuple[Array, ...], Array, Any]:
+    """Rows of the sources, images of a periodic box included; how far each target looks; which
+    particle each source is, None where there are no images."""
     support = float(kernel.support)
     h = scene.h
     if scene.one_h:
@@ -220,7 +234,7 @@ def _columns(
     volume = volumes(scene, kernel)
     extra = [per_h] if task.mode != "one" else []
     if scene.period is None:
-        return (*scene.x, volume, *values, *extra), reach
+        return (*scene.x, volume, *values, *extra), reach, None
     widest = float(reach.max())
     if np.any(scene.period <= 2.0 * widest):
         raise ValueError(
@@ -228,7 +242,7 @@ def _columns(
             f" {2.0 * widest:g}: a particle would meet its own image"
         )
     places, source = _with_images(scene.x, scene.period, widest)
-    return (*places, *(row[source] for row in (volume, *values, *extra))), reach
+    return (*places, *(row[source] for row in (volume, *values, *extra))), reach, source
 
 
 def _with_images(x: Array, period: Array, reach: float) -> tuple[list[Array], Any]:
@@ -277,17 +291,33 @@ def _product_rest(a: Array, b: float, product_: Array) -> Array:
     return np.asarray(rest + (high - product_))
 
 
-def weights(
-    scene: Particles,
-    kernel: Kernel,
-    operator: Operator,
-    *,
-    axis: int = 0,
-    targets: object = None,
-) -> Any:
-    """The operator as a matrix: a scipy.sparse CSR array w, (T, n), with ⟨D A⟩ = w A h^{-k}.
+def pairs_with_terms(
+    scene: Particles, kernel: Kernel, keys: list[Key], targets: Any
+) -> tuple[Any, Any, Mapping[Key, Array]]:
+    """Every pair within the support: number of the target in `targets`, particle, and for each
+    (δ, γ) the term (−1)^{|δ|} V_b/h^d s^γ ∂^δŴ; (P,) each, a block of targets after the other."""
+    from sphtrunc import neighbours
 
-    axis: which component of the estimate; targets: as for `pair_sums`.
-    A difference form subtracts Σ_b w_b on the diagonal.
-    """
-    raise NotImplementedError
+    task = plan(
+        kernel,
+        scene.dim,
+        [*needed_terms(keys, 0, ()), Term(COUNT, (0,) * scene.dim, -1)],
+        mode="one" if scene.one_h else scene.mode,
+        low=scene.period is not None,
+    )
+    per_h = 1.0 / scene.h
+    columns, reach, source = _columns(scene, kernel, task, np.empty((0, scene.population)), per_h)
+    scale = per_h**scene.dim
+    rows, particles, found = [], [], []
+    for block, i, j, terms in neighbours.listed(task, columns, per_h[None], reach, targets):
+        sums = dict(zip(task.terms, terms, strict=True))
+        inside = sums[task.terms[-1]] > 0.0
+        here = targets[block[i[inside]]]
+        rows.append(block[i[inside]])
+        particles.append(j[inside] if source is None else source[j[inside]])
+        found.append([base_sum(key, -1, sums)[inside] * scale[here] for key in keys])
+    return (
+        np.concatenate(rows),
+        np.concatenate(particles),
+        {key: np.concatenate([part[n] for part in found]) for n, key in enumerate(keys)},
+    )

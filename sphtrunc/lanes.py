@@ -33,7 +33,7 @@ _VECTOR = ir.VectorType(_DOUBLE, WIDTH)
 _FUSE = ("contract",)
 
 
-class PlanType(types.Type):  # type: ignore[misc]
+class PlanType(types.Type):
     """Each plan is a type of its own: a loop is compiled, and cached, for a plan."""
 
     def __init__(self, plan: Plan) -> None:
@@ -41,7 +41,7 @@ class PlanType(types.Type):  # type: ignore[misc]
         super().__init__(name=f"Plan({sha256(repr(plan).encode()).hexdigest()[:32]})")
 
 
-class LanesType(types.Type):  # type: ignore[misc]
+class LanesType(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Lanes({WIDTH})")
 
@@ -50,12 +50,12 @@ lanes_type = LanesType()
 
 
 @register_model(PlanType)
-class _PlanModel(models.OpaqueModel):  # type: ignore[misc]
+class _PlanModel(models.OpaqueModel):
     pass
 
 
 @register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+class _LanesModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, _VECTOR)
 
@@ -187,7 +187,7 @@ def _accumulators(plan: Plan) -> Any:
     return types.UniTuple(lanes_type, row_counts(plan)[2])
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def empty_sums(typing_context: Any, plan: Any) -> Any:
     """Zero in every sum of the plan."""
     kind = _accumulators(plan.plan)
@@ -199,7 +199,7 @@ def empty_sums(typing_context: Any, plan: Any) -> Any:
     return kind(plan), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_targets(typing_context: Any, plan: Any, buffer: Any) -> Any:
     """The rows of a (rows, WIDTH) buffer as lanes."""
     kind = types.UniTuple(lanes_type, row_counts(plan.plan)[1])
@@ -212,7 +212,7 @@ def load_targets(typing_context: Any, plan: Any, buffer: Any) -> Any:
     return kind(plan, buffer), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store_sums(typing_context: Any, plan: Any, sums: Any, buffer: Any) -> Any:
     """Write the sums into a (rows, WIDTH) buffer."""
 
@@ -226,7 +226,7 @@ def store_sums(typing_context: Any, plan: Any, sums: Any, buffer: Any) -> Any:
     return types.void(plan, sums, buffer), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def add_pair(typing_context: Any, plan: Any, sums: Any, targets: Any, sources: Any, j: Any) -> Any:
     """The sums with what particle j, column j of the (rows, n) sources, adds to eight targets."""
 
@@ -250,7 +250,7 @@ def add_pair(typing_context: Any, plan: Any, sums: Any, targets: Any, sources: A
     return sums(plan, sums, targets, sources, j), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def list_near(
     typing_context: Any,
     plan: Any,
@@ -285,7 +285,11 @@ def list_near(
             pointer = builder.inttoptr(row, _DOUBLE.as_pointer())
             x = Lanes(builder, _load(builder, builder.gep(pointer, [arguments[2]]), 0), True)
             ends = [
-                Lanes(builder, builder.load(builder.gep(array(i).data, [ir.Constant(word, axis)])), False)
+                Lanes(
+                    builder,
+                    builder.load(builder.gep(array(i).data, [ir.Constant(word, axis)])),
+                    False,
+                )
                 for i in (4, 5)
             ]
             outside = n.positive(n.larger(ends[0] - x, x - ends[1]))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sphtrunc.pairs import Plan, pair_terms, row_counts
+from sphtrunc.pairs import Bounded, Plan, pair_terms, row_counts
 from sphtrunc.summation import Array, compensated_total, total, total_error
 
 _PAIRS = 1 << 15  # of one block
@@ -108,12 +108,41 @@ def _typical(tree: Any, x: Array, targets: Any, reach: Array) -> int:
     return int(np.mean(tree.query_ball_point(x[some], radius, return_length=True)))
 
 
-def _block(plan: Plan, sources: Array, slots: Any, own: Array, i: Any, j: Any) -> Array:
-    """The sums of one block, (rows, T), from its pairs."""
+def listed(
+    plan: Plan, columns: tuple[Array, ...], own: Array, reach: Array, targets: Any
+) -> Iterator[tuple[Any, Any, Any, list[Array]]]:
+    """Blocks of pairs with their terms one by one: which of the targets (T,), for each pair the
+    number of its target in the block, its source, and a row for each term of the plan."""
+    x = np.ascontiguousarray(np.stack(columns[: plan.dim]).T)
+    tree = cKDTree(x)
+    place = np.arange(x.shape[0])
+    unique, at = np.unique(targets, return_inverse=True)
+    if unique.size != targets.size:
+        raise ValueError("targets: got a particle twice, expected each once")
+    where = np.empty(x.shape[0], dtype=np.int64)
+    where[unique] = np.argsort(at)
+    order = np.asarray(tree.indices)
+    near = order[np.isin(order, unique)]
+    for block, i, j in pairs_of(tree, place, x, near, reach, _typical(tree, x, near, reach)):
+        with np.errstate(all="ignore"):
+            terms = _terms(plan, np.stack(columns), block, own[:, block], i, j)
+        yield where[block], i, j, terms
+
+
+def _terms(plan: Plan, sources: Array, slots: Any, own: Array, i: Any, j: Any) -> list[Any]:
+    """The contribution of every pair to every sum."""
     places = plan.dim * (2 if plan.low else 1)
     source = [row[j] for row in sources]
     target = [row[slots][i] for row in sources[:places]] + [row[i] for row in own]
-    terms = pair_terms(plan, ArrayNumbers(), target, source)
+    return [
+        t if isinstance(t, Bounded) else np.broadcast_to(t, i.shape)
+        for t in pair_terms(plan, ArrayNumbers(), target, source)
+    ]
+
+
+def _block(plan: Plan, sources: Array, slots: Any, own: Array, i: Any, j: Any) -> Array:
+    """The sums of one block, (rows, T), from its pairs."""
+    terms = _terms(plan, sources, slots, own, i, j)
     begin = np.searchsorted(i, np.arange(own.shape[1] + 1))
     row = np.arange(i.size) - begin[i]
     shape = (int(row.max(initial=0)) + 1, own.shape[1])

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sphtrunc.moments import MultiIndex, add, unit
+from sphtrunc.moments import MultiIndex, add
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key
 from sphtrunc.radial import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
 

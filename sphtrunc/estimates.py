@@ -1,0 +1,262 @@
+"""Estimates of an operator on explicit particles, and operators as matrices, from one pass over the
+pairs: sums first, then for each target the few numbers that correct them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.arithmetic import MOST_CONDITION, Health, Plain
+from sphtrunc.engine import pair_sums, pairs_with_terms, threads, volumes
+from sphtrunc.moments import MultiIndex, add, multi_indices, unit
+from sphtrunc.operators import FATEHI_MANZARI, Key, Operator, combine
+from sphtrunc.particles import Particles
+from sphtrunc.summation import Array
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+
+_BLOCK = 4096  # targets whose corrections are solved together
+_SAFE = 1e5  # condition up to which a small matrix is inverted by its cofactors
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """An operator at T targets.
+
+    values: (F, C, T), C components for each of F fields, in units of A/h^k
+    moments: multi-index -> (T,) of the first component
+    neighbours: (T,) particles within the support, the target included
+    condition: (T,) of the worst correction matrix; where it is above 1e12 the estimate is flagged
+        and means nothing
+    """
+
+    targets: Any
+    values: Array
+    moments: Mapping[MultiIndex, Array]
+    neighbours: Any
+    condition: Array
+
+    @property
+    def flagged(self) -> Any:
+        """(T,) where the correction matrix was too near to a singular one."""
+        return ~(self.condition <= MOST_CONDITION)
+
+
+def estimates(
+    scene: Particles,
+    kernel: Kernel,
+    operator: Operator,
+    fields: object = (),
+    *,
+    degree: int | None = None,
+    targets: object = None,
+    precision: str = "plain",
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Estimates:
+    """The components of an operator (of divergence and curl: the gradient) applied to fields.
+
+    fields: values at the particles, (n,) or (F, n); degree: also measure moments up to this one
+    Other arguments as for `pair_sums`. Raises ValueError as that does.
+    """
+    dim = scene.dim
+    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
+    keys = [] if plain else operator.needed(dim, 0)
+    shape = _structure(operator, dim)
+    field_keys = list(dict.fromkeys(key for part in shape for key in part))
+    if degree is not None:
+        alphas = list(multi_indices(dim, degree))
+        keys += [(d, add(alpha, gamma)) for d, gamma in shape[0] for alpha in alphas]
+    values = np.atleast_2d(np.asarray(fields, dtype=np.float64))
+    count = 0 if values.size == 0 else len(values)
+    density = None
+    if operator.form == "symmetric":
+        if degree is not None:
+            raise ValueError("degree: moments of the symmetric form depend on the field's density")
+        density = scene.mass / volumes(scene, kernel)
+        values = np.concatenate([values.reshape(count, -1) / density, density[None]])
+    sums = pair_sums(
+        scene,
+        kernel,
+        dict.fromkeys(keys),
+        fields=values if values.size else (),
+        field_keys=field_keys if values.size else (),
+        difference=operator.uses_difference,
+        targets=targets,
+        precision=precision,
+        workers=workers,
+        engine=engine,
+    )
+    index = np.arange(scene.population)[sums.targets]
+    out = np.empty((count, len(shape), index.size))
+    moments = (
+        {a: np.empty(index.size) for a in multi_indices(dim, degree)} if degree is not None else {}
+    )
+    condition = np.zeros(index.size)
+
+    def finish(first: int) -> None:
+        part = slice(first, first + _BLOCK)
+        health = Health()
+        base = {key: row[part] for key, row in sums.base.items()}
+        weighted = {key: rows[:, part] for key, rows in sums.fields.items()}
+        with np.errstate(all="ignore"):
+            found = operator.coefficients(base, dim, partial(solve, health=health))
+            for c, row in enumerate(found):
+                for f in range(count):
+                    out[f, c, part] = sum(x * weighted[key][f] for key, x in row.items())
+                    if density is not None:
+                        own, a = density[index[part]], values[f, index[part]]
+                        back = sum(x * weighted[key][-1] for key, x in row.items())
+                        out[f, c, part] = own * out[f, c, part] + a * back
+            for alpha, into in moments.items():
+                into[part] = combine(found[0], base, alpha)
+        condition[part] = health.condition
+
+    with ThreadPoolExecutor(threads(workers)) as pool:
+        list(pool.map(finish, range(0, index.size, _BLOCK)))
+    if operator.uses_difference and moments:
+        moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
+    if operator.uses_difference and operator.derivatives == 0:
+        out += values[:count, None, index]
+    return Estimates(index, out, moments, sums.neighbours, condition)
+
+
+def _structure(operator: Operator, dim: int) -> list[dict[Key, Any]]:
+    """Which (δ, γ) the components are made of: the coefficients, of whatever value."""
+    ones = dict.fromkeys(operator.needed(dim, 0), 1.0)
+    return operator.coefficients(
+        ones, dim, lambda matrix, columns: [[1.0] * len(columns[0]) for _ in matrix]
+    )
+
+
+def solve(
+    matrix: Sequence[Sequence[Any]], columns: Sequence[Sequence[Any]], health: Health
+) -> list[list[Any]]:
+    """Linear systems of many targets: up to 3 × 3 by cofactors, wherever that is safe, and by
+    singular values otherwise."""
+    n = len(matrix)
+    if n > 3:
+        return Plain().solve(matrix, columns, health)  # type: ignore[no-any-return]
+    a = [[np.asarray(x) for x in row] for row in matrix]
+    inverse, size = _inverse(a)
+    norm = sum(x * x for row in a for x in row)
+    condition = np.sqrt(norm * size)  # Frobenius: between the condition and n times it
+    bad = np.flatnonzero(~(condition <= _SAFE))
+    health.condition = np.maximum(health.condition, np.where(condition <= _SAFE, condition, 0.0))
+    result = [
+        [_dot(row, [column[j] for column in columns]) for j in range(len(columns[0]))]
+        for row in inverse
+    ]
+    if bad.size:
+        rest = Health()
+        wide = np.broadcast(*(x for row in a for x in row)).shape
+        some = [[np.broadcast_to(x, wide)[bad] for x in row] for row in a]
+        right = [[np.broadcast_to(x, wide)[bad] for x in row] for row in columns]
+        exact = Plain().solve(some, right, rest)
+        for i, row in enumerate(exact):
+            for j, x in enumerate(row):
+                result[i][j] = np.array(np.broadcast_to(result[i][j], wide))
+                result[i][j][bad] = x
+        worst = np.array(np.broadcast_to(health.condition, wide))
+        worst[bad] = np.maximum(worst[bad], rest.condition)
+        health.condition = worst
+    return result
+
+
+def _inverse(a: list[list[Any]]) -> tuple[list[list[Any]], Any]:
+    """Inverse of a matrix up to 3 × 3 by cofactors, and the square of its Frobenius norm."""
+    n = len(a)
+    if n == 1:
+        cofactor: list[list[Any]] = [[1.0]]
+    elif n == 2:
+        cofactor = [[a[1][1], -a[1][0]], [-a[0][1], a[0][0]]]
+    else:
+        cofactor = [
+            [
+                a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3]
+                - a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3]
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+    per_determinant = 1.0 / _dot(a[0], cofactor[0])
+    inverse = [[cofactor[j][i] * per_determinant for j in range(n)] for i in range(n)]
+    return inverse, sum(x * x for row in inverse for x in row)
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """Σ a_i b_i, without the terms whose factor is the number 0."""
+    terms = [
+        x if isinstance(y, int) and y == 1 else x * y
+        for x, y in zip(a, b, strict=True)
+        if not (isinstance(y, int) and y == 0)
+    ]
+    return sum(terms[1:], terms[0]) if terms else 0.0
+
+
+def weights(
+    scene: Particles,
+    kernel: Kernel,
+    operator: Operator,
+    *,
+    axis: int = 0,
+    targets: object = None,
+    workers: int | None = None,
+) -> Any:
+    """The operator as a matrix: a scipy.sparse CSR array (T, n) that takes the values of a field at
+    the particles to its estimate at the targets, ⟨D A⟩ = w A, in units of A/length^k.
+
+    axis: which component of the estimate; targets: indices (T,), None for all.
+    Raises ValueError as `pair_sums` does, and where a correction matrix is too near to singular.
+    """
+    from scipy.sparse import csr_array
+
+    shape = _structure(operator, scene.dim)
+    if not 0 <= axis < len(shape):
+        raise ValueError(f"axis: got {axis}, expected 0 to {len(shape) - 1}")
+    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
+    keys = [] if plain else operator.needed(scene.dim, 0)
+    sums = pair_sums(scene, kernel, keys, targets=targets, workers=workers)
+    index = np.arange(scene.population)[sums.targets]
+    health = Health()
+    with np.errstate(all="ignore"):
+        part = operator.coefficients(sums.base, scene.dim, partial(solve, health=health))[axis]
+    condition = np.broadcast_to(health.condition, index.shape)
+    bad = np.flatnonzero(~(condition <= MOST_CONDITION))
+    if bad.size:
+        raise ValueError(
+            f"correction: the matrix of {bad.size} targets is too near to singular; the first is"
+            f" particle {index[bad[0]]} with {sums.neighbours[bad[0]]} neighbours; expected a"
+            " lower correction, a larger h, or other targets"
+        )
+    row, column, terms = pairs_with_terms(scene, kernel, list(part), index)
+    per_h = 1.0 / scene.h[index]
+    scale = np.ones(index.size)
+    for _ in range(operator.derivatives):
+        scale *= per_h
+    entries = np.zeros(row.size)
+    for key, c in part.items():
+        entries += terms[key] * (c[row] if isinstance(c, np.ndarray) else c)
+    entries *= scale[row]
+    own = np.zeros(index.size)
+    if operator.form == "symmetric":
+        density = scene.mass / volumes(scene, kernel)
+        ratio = density[index[row]] / density[column]
+        own += np.bincount(row, weights=entries / ratio, minlength=index.size)
+        entries *= ratio
+    elif operator.uses_difference:
+        own -= np.bincount(row, weights=entries, minlength=index.size)
+        own += float(operator.derivatives == 0)
+    size = (index.size, scene.population)
+    matrix = csr_array((entries, (row, column)), shape=size)
+    if np.any(own):
+        matrix = csr_array(matrix + csr_array((own, (np.arange(index.size), index)), shape=size))
+    matrix.sort_indices()
+    return matrix
