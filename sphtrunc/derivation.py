@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -13,9 +13,10 @@ from sympy import Expr, Poly, Rational, latex
 
 from sphtrunc import __version__
 from sphtrunc.bernoulli import phased
+from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel
-from sphtrunc.moments import Moments, unit
-from sphtrunc.operators import Operator
+from sphtrunc.moments import Moments, MultiIndex, label, unit
+from sphtrunc.operators import FATEHI_MANZARI, Operator
 
 WIDTH = 100  # columns of a terminal
 _SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -27,11 +28,11 @@ _PRIMES = {0: "", 1: "′", 2: "″", 3: "‴"}
 class Term:
     """One term of the discretisation error of a base sum in 1D.
 
-    It adds coefficient · (Δx/h)^dx_power · B̃_dx_power(knot·h/Δx − θ) to m[derivative, moment]
+    It adds coefficient · (Δx/h)^dx_power · B̃_dx_power(knot·h/Δx − θ) to m[term, moment]
     (see `sphtrunc.operators`); for an operator without correction that sum is M_moment itself.
     """
 
-    derivative: int
+    term: Any
     moment: int
     dx_power: int
     knot: Rational
@@ -52,16 +53,33 @@ class Orders(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Scatter:
+    """Moments over the targets of a disordered scene.
+
+    jitter: σ/Δx; distribution: of the displacements; mean, std: multi-index -> float
+    how: the level of the theory behind them
+    """
+
+    jitter: float
+    distribution: str
+    mean: Mapping[MultiIndex, float]
+    std: Mapping[MultiIndex, float]
+    how: str
+
+
+@dataclass(frozen=True)
 class Derivation:
     """The derived truncation error of one kernel and one operator.
 
     limit: moments for Δx/h → 0; their error is the smoothing error
     terms: the discretisation error of the base sums in 1D, each exact
-    discrete: the moments at the given Δx/h and offset θ (None without a ratio)
+    shift: the offset along every axis, of which `offset` is the first; lattice; volume: their rule
+    discrete: the moments at the given Δx/h and offset (None without a ratio)
+    scatter: their mean and spread where the particles are displaced, if that was asked for
     find_orders: derives `orders` when they are first asked for
     """
 
-    kernel: Kernel
+    kernel: Kernel | Gaussian
     operator: Operator
     dim: int
     degree: int
@@ -69,8 +87,12 @@ class Derivation:
     terms: tuple[Term, ...]
     dx_over_h: Expr | None
     offset: Rational
+    shift: tuple[Rational, ...]
+    lattice: str
+    volume: str
     discrete: Moments | None
     find_orders: Callable[[], Orders] = field(repr=False, compare=False)
+    scatter: Scatter | None = None
 
     @cached_property
     def orders(self) -> Orders:
@@ -88,18 +110,24 @@ class Derivation:
         return rows
 
     @property
-    def discretisation(self) -> dict[int, Any]:
+    def discretisation(self) -> dict[Any, Any]:
         """M_k at Δx/h minus its limit for Δx/h → 0; ValueError if no ratio was given."""
         if self.discrete is None:
             raise ValueError(
                 "derivation: no ratio Δx/h was given, so there are no discrete moments"
             )
-        return {alpha[0]: value for alpha, value in (self.discrete - self.limit).items()}
+        differences = (self.discrete - self.limit).items()
+        return {alpha[0] if self.dim == 1 else alpha: value for alpha, value in differences}
+
+    @property
+    def _plain(self) -> bool:
+        """The weights are the kernel's own, so that the sums are the moments."""
+        return self.operator.correction == "none" and self.operator.form != FATEHI_MANZARI
 
     @property
     def _own_terms(self) -> list[Term]:
         """The terms of the moments that the estimate has: not M_0 of a difference form."""
-        if self.operator.correction == "none" and self.operator.form == "difference":
+        if self.operator.correction == "none" and self.operator.uses_difference:
             return [t for t in self.terms if t.moment > 0]
         return list(self.terms)
 
@@ -129,9 +157,9 @@ class Derivation:
             "correction": self.operator.correction,
             "degree": self.degree,
             "normalisation": str(sigma),
-            "w0": str(sigma * kernel.pieces[0].eval(0)),
-            "boundary_smoothness": kernel.boundary_smoothness,
-            "smoothness": kernel.smoothness,
+            "w0": str(sigma * _central(kernel, dim)),
+            "boundary_smoothness": _finite(kernel.boundary_smoothness),
+            "smoothness": _finite(kernel.smoothness),
             "jumps": [
                 {"knot": str(knot), "derivative": m, "jump": str(jump)}
                 for m in range(kernel.degree + 1)
@@ -150,7 +178,7 @@ class Derivation:
             ],
             "discretisation_terms": [
                 {
-                    "sum": ("value", "gradient")[t.derivative],
+                    "sum": _sum_name(t.term),
                     "moment": t.moment,
                     "dx_power": t.dx_power,
                     "knot": str(t.knot),
@@ -163,8 +191,29 @@ class Derivation:
         if self.discrete is not None:
             result["dx_over_h"] = str(self.dx_over_h)
             result["offset"] = str(self.offset)
+            if self.dim > 1:
+                result["offset"] = [str(x) for x in self.shift]
+            result["lattice"] = self.lattice
+            result["volume"] = self.volume
             result["discrete_moments"] = self.discrete.to_dict()
+            result["predicted"] = self._predicted()
         return {**result, "version": __version__}
+
+    def _predicted(self) -> dict[str, Any]:
+        """Mean and standard deviation over targets: of the lattice itself, or under disorder."""
+        assert self.discrete is not None
+        if self.scatter is None:
+            mean = {a: float(m) for a, m in self.discrete.values.items()}
+            std = dict.fromkeys(mean, 0.0)
+            more: dict[str, Any] = {"jitter": 0.0, "how": "lattice sum"}
+        else:
+            mean, std = dict(self.scatter.mean), dict(self.scatter.std)
+            more = {
+                "jitter": self.scatter.jitter,
+                "distribution": self.scatter.distribution,
+                "how": self.scatter.how,
+            }
+        return {**more, "moments": {label(a): {"mean": mean[a], "std": std[a]} for a in mean}}
 
     def to_json(self) -> str:
         """`to_dict` as JSON text."""
@@ -180,6 +229,7 @@ class Derivation:
             self._smoothing_text(),
             self._discretisation_text() if self.dim == 1 else "",
             self._table_text() if self.discrete is not None else "",
+            self._scatter_text() if self.scatter is not None else "",
         ]
         return "\n\n".join(block for block in blocks if block)
 
@@ -189,19 +239,21 @@ class Derivation:
     def _kernel_text(self) -> str:
         kernel, dim = self.kernel, self.dim
         lines = [
-            f"{kernel.name}: W(r, h) = σ h{_power(-dim)} w(q), q = r/h, support {kernel.support}h"
+            f"{kernel.name}: W(r, h) = σ h{_power(-dim)} w(q), q = r/h, support {_reach(kernel)}"
         ]
         if kernel.source:
             lines += _wrapped([kernel.source], "  ", " ")
+        if isinstance(kernel, Gaussian):
+            lines.append(f"  w = {kernel.formula(dim)}")
         bounds = [f"{a} ≤ q ≤ {b}" for a, b in zip(kernel.knots, kernel.knots[1:], strict=False)]
         wide = max(len(b) for b in bounds)
-        for bound, piece in zip(bounds, kernel.pieces, strict=True):
+        for bound, piece in zip(bounds, kernel.pieces, strict=bool(kernel.pieces)):
             head = f"  {bound:<{wide}}  w = "
             lines += _wrapped(_polynomial_terms(piece), head, " ")
         sigma = kernel.normalisation(dim)
         constants = [
             f"σ = {_plain(sigma)} in {dim}D",
-            f"Ŵ(0) = {_plain(sigma * kernel.pieces[0].eval(0))}",
+            f"Ŵ(0) = {_plain(sigma * _central(kernel, dim))}",
             f"∫s²Ŵ = {_plain(kernel.moment(2, dim))}",
         ]
         return "\n".join([*lines, *_wrapped(constants, "  ", "   ")])
@@ -214,6 +266,8 @@ class Derivation:
             f"Smoothness: β = {kernel.boundary_smoothness} at the edge,"
             f" {kernel.smoothness} over all knots"
         ]
+        if least == float("inf"):
+            return "Smoothness: all derivatives are continuous, and there is no edge"
         for knot, n in at.items():
             place = "origin" if knot == 0 else "edge" if knot == kernel.support else "interior"
             first = int(n) + 1 if n != float("inf") else None
@@ -243,7 +297,8 @@ class Derivation:
         return "\n".join([head, *_wrapped(terms, f"  {name} = ", " ")])
 
     def _discretisation_text(self) -> str:
-        operator = self.operator
+        if isinstance(self.kernel, Gaussian):
+            return self._gaussian_text(self.kernel)
         generic, aligned = self.orders.generic, self.orders.aligned
         kappa = 2 * self.kernel.support
         lines = ["Discretisation error of uniform particles, exact at every ratio"]
@@ -259,7 +314,7 @@ class Derivation:
                 lines.append(
                     f"  order (Δx/h){_power(aligned)} at the aligned ratios Δx/h = {kappa}/n, n odd"
                 )
-        if operator.correction != "none":
+        if not self._plain:
             lines.append("  the corrected moments are rational functions of the sums m[δ, k] below")
         shown = self._leading_terms()
         if shown:
@@ -272,9 +327,20 @@ class Derivation:
             )
         return "\n".join(lines)
 
+    def _gaussian_text(self, kernel: Gaussian) -> str:
+        text = "Discretisation error of uniform particles: exp(−π² h²/Δx²), smaller than any power"
+        if kernel.cut is None:
+            return text
+        jump = float(kernel.edge_jump(1))
+        return (
+            f"{text}, but for the cut:\n  Ŵ jumps by {jump:.3g} at q = {kernel.cut}, an error of"
+            " order Δx/h (second at the aligned ratios) times that jump,\n  which overtakes below"
+            f" Δx/h = π/{kernel.cut}, where exp(−π² h²/Δx²) = exp(−{kernel.cut}²)"
+        )
+
     def _leading_terms(self) -> list[str]:
         lines: list[str] = []
-        plain = self.operator.correction == "none"
+        plain = self._plain
         for (derivative, k), terms in self._grouped().items():
             name = f"M{_sub(k)}" if plain else f"m[{derivative}, {k}]"
             for n in sorted({t.dx_power for t in terms}):
@@ -292,28 +358,36 @@ class Derivation:
                 break
         return lines
 
-    def _grouped(self) -> dict[tuple[int, int], list[Term]]:
-        groups: dict[tuple[int, int], list[Term]] = {}
+    def _grouped(self) -> dict[tuple[str, int], list[Term]]:
+        groups: dict[tuple[str, int], list[Term]] = {}
         for t in self._own_terms:
-            groups.setdefault((t.derivative, t.moment), []).append(t)
+            groups.setdefault((_sum_label(t.term), t.moment), []).append(t)
         return groups
 
     def _table_text(self) -> str:
         assert self.discrete is not None
+        where = f"θ = {self.offset}"
+        if self.dim > 1:
+            offset = f", offset ({', '.join(map(str, self.shift))})" if any(self.shift) else ""
+            where = f"{self.lattice} lattice{offset}"
+        if self.volume != "constant":
+            where += f", volumes {self.volume}"
         title = (
-            f"Discrete moments at Δx/h = {self.dx_over_h}, θ = {self.offset}"
+            f"Discrete moments at Δx/h = {self.dx_over_h}, {where}"
             " (smoothing: limit − exact value; discretisation: M − limit)"
         )
         rows = [("k", "M_k", "exact value", "smoothing", "discretisation")]
         limit_error = self.limit.error
-        for k, value in self.discretisation.items():
-            exact = self.discrete.exact.get((k,), 0)
+        for alpha, value in (self.discrete - self.limit).items():
+            exact = self.discrete.exact.get(alpha, 0)
+            if self.dim > 1 and not any((exact, self.discrete[alpha], limit_error[alpha])):
+                continue  # in 1D the zeros are shown, in space there are too many
             rows.append(
                 (
-                    str(k),
-                    _number(self.discrete[k]),
+                    label(alpha),
+                    _number(self.discrete[alpha]),
                     str(exact),
-                    _number(limit_error[(k,)]),
+                    _number(limit_error[alpha]),
                     _number(value),
                 )
             )
@@ -328,6 +402,19 @@ class Derivation:
             ]
         )
 
+    def _scatter_text(self) -> str:
+        scatter = self.scatter
+        assert scatter is not None
+        lines = [
+            f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}"
+            f" ({scatter.how})",
+            "  k          mean                 standard deviation",
+        ]
+        for alpha, mean in scatter.mean.items():
+            if mean or scatter.std[alpha]:
+                lines.append(f"  {label(alpha):<9}  {mean:<19.12g}  {scatter.std[alpha]:.6g}")
+        return "\n".join(lines)
+
     # -- LaTeX ------------------------------------------------------------------------------------
 
     def to_latex(self) -> str:
@@ -337,6 +424,8 @@ class Derivation:
             rf"{latex(piece.as_expr())} & {latex(a)} \le q \le {latex(b)}"
             for a, b, piece in zip(kernel.knots, kernel.knots[1:], kernel.pieces, strict=False)
         )
+        if isinstance(kernel, Gaussian):
+            cases = rf"{latex(kernel.expression(dim))} & q \le {latex(kernel.support)}"
         sigma = latex(kernel.normalisation(dim))
         parts = [
             "\\[\n"
@@ -363,7 +452,10 @@ class Derivation:
         return f"$\\displaystyle {self._smoothing_latex()}$"
 
     def _smoothing_latex(self) -> str:
-        field = {0: "A", 1: "A'"} if self.dim == 1 else {0: "A", 1: r"\nabla A"}
+        second = r"\nabla^{2} A" if self.operator.name == "laplacian" else r"\nabla\nabla A"
+        field = {0: "A", 1: r"\nabla A", 2: second}
+        if self.dim == 1:
+            field = {0: "A", 1: "A'", 2: "A''"}
         exact = field[self.operator.derivatives]
         text = rf"\langle {exact} \rangle = {exact}"
         for n, p, c in self.smoothing_error:
@@ -374,7 +466,7 @@ class Derivation:
 
     def _discretisation_latex(self) -> list[str]:
         lines = []
-        plain = self.operator.correction == "none"
+        plain = self._plain
         for (derivative, k), terms in self._grouped().items():
             name = f"M_{{{k}}}" if plain else f"m_{{{derivative},{k}}}"
             for i, n in enumerate(sorted({t.dx_power for t in terms})):
@@ -409,6 +501,27 @@ def _phase(knot: Rational) -> str:
     return rf"{factor} \tfrac{{h}}{{\Delta x}} - \theta"
 
 
+def _sum_name(term: Any) -> str:
+    return term if isinstance(term, str) else ("value", "gradient", "hessian")[sum(term)]
+
+
+def _sum_label(term: Any) -> str:
+    return term if isinstance(term, str) else str(sum(term))
+
+
+def _finite(value: float) -> int | str:
+    return "infinite" if value == float("inf") else int(value)
+
+
+def _reach(kernel: Any) -> str:
+    return f"{kernel.support}h" if kernel.boundary_smoothness != float("inf") else "infinite"
+
+
+def _central(kernel: Kernel | Gaussian, dim: int) -> Any:
+    """w(0) of the shape."""
+    return kernel.central(dim) if isinstance(kernel, Gaussian) else kernel.pieces[0].eval(0)
+
+
 def _title(operator: Operator) -> str:
     corrected = "" if operator.correction == "none" else f", {operator.correction}"
     return f"{operator.name} ({operator.form} form{corrected})"
@@ -421,6 +534,8 @@ def _estimate(operator: Operator, dim: int) -> str:
 def _derivative(n: int, operator: Operator, dim: int) -> str:
     if dim == 1:
         return f"A{_primes(n)}"
+    if operator.name == "laplacian":
+        return f"∇{_power(n)}A"
     even = n - operator.derivatives
     laplacians = f"∇{_power(even)}" if even else ""
     return f"{laplacians}{'∇' * operator.derivatives}A"
@@ -443,7 +558,7 @@ def _h(p: int) -> str:
 
 
 def _plain(value: Expr) -> str:
-    return str(value).replace("*", "·").replace("pi", "π")
+    return str(value).replace("**", "^").replace("*", "·").replace("pi", "π")
 
 
 def _number(value: Expr) -> str:

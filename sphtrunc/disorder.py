@@ -15,15 +15,14 @@ here), the target too unless it sits at an offset. Three levels, from the formul
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise, product
-from math import prod
 from typing import TYPE_CHECKING, Any
 
-from sphtrunc.kernel import SPHERE, Kernel, dimension
-from sphtrunc.lattice_sums import Laurent, lattice_sums, laurent, parts
+from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
+from sphtrunc.lattice_sums import Laurent, angular, lattice_sums, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import FATEHI_MANZARI, Key, Operator
 from sphtrunc.propagation import mixing, propagate, radial_values, second_order
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from sympy import Expr
 
+    from sphtrunc.derivation import Derivation
     from sphtrunc.gaussian import Gaussian
 
     Array = NDArray[np.float64]
@@ -77,7 +77,8 @@ def predict(
     Raises ValueError for a correction whose matrix is singular on this lattice.
     """
     dim = len(offset)
-    sums = scaled_lattice_sums(kernel, operator, kind, dx_over_h, offset, volume, degree)
+    keys = operator.needed(dim, degree)
+    sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, False, volume)
     values = operator.correct(sums, dim, degree, axis)
     mean = {alpha: float(m) for alpha, m in values.items()}
     if sigma == 0:
@@ -110,28 +111,6 @@ def predict(
 def is_linear(operator: Operator) -> bool:
     """Whether the weights are those of the kernel, with no correction that depends on the rest."""
     return operator.correction == "none" and operator.form != FATEHI_MANZARI
-
-
-def scaled_lattice_sums(
-    kernel: Kernel | Gaussian,
-    operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
-    volume: str,
-    degree: int,
-    exact: bool = False,
-) -> dict[Key, Any]:
-    """Base sums on the lattice; summation volumes are all equal there, 1/Σ Ŵ."""
-    dim = len(offset)
-    sums = lattice_sums(kernel, operator.needed(dim, degree), kind, dx_over_h, offset, exact)
-    if volume != "summation":
-        return sums
-    zero = unit(dim, 0, 0)
-    home = lattice_sums(kernel, [(zero, zero)], kind, dx_over_h, (Fraction(0),) * dim, exact)[
-        zero, zero
-    ]
-    return {key: value / home for key, value in sums.items()}
 
 
 def moment_rows(part: Mapping[Key, Any], alpha: MultiIndex) -> list[Row]:
@@ -187,13 +166,13 @@ def gradient_norm(kernel: Kernel, rows: tuple[Row, ...]) -> Expr:
         size, other = sum(beta), sum(gamma)
         first = sum(
             (
-                a * b * _angular(_less(total, i))
+                a * b * angular(_less(total, i))
                 for i, (a, b) in enumerate(zip(beta, gamma, strict=True))
                 if a and b
             ),
             Fraction(0),
         )
-        rest = _angular(total)
+        rest = angular(total)
         for piece, pf, pg in zip(integrand, laurent(kernel, f), laurent(kernel, g), strict=True):
             for (i, x), (j, y) in product(pf.items(), pg.items()):
                 # f = q^i: f′/q = i q^{i−2}
@@ -214,15 +193,6 @@ def gradient_norm(kernel: Kernel, rows: tuple[Row, ...]) -> Expr:
             else:
                 return oo
     return value * SPHERE[dim] * kernel.normalisation(dim) ** 2
-
-
-def _angular(total: MultiIndex) -> Fraction:
-    """The mean of e^total over directions e: ∏(n_i − 1)!!/(d(d+2)…), 0 for odd entries."""
-    if any(n % 2 for n in total):
-        return Fraction(0)
-    top = prod(prod(range(n - 1, 0, -2)) for n in total)
-    dim = len(total)
-    return Fraction(top, prod(range(dim, dim + sum(total), 2)))
 
 
 def _less(total: MultiIndex, axis: int) -> MultiIndex:
@@ -298,7 +268,7 @@ def _correlation(
     total = np.zeros_like(k)
     for ((gamma, m), c), ((delta, n), e) in product(table.items(), table.items()):
         both = tuple(a + b for a, b in zip(gamma, delta, strict=True))
-        angle = float(_angular(both))
+        angle = float(angular(both))
         if angle:
             factor = (c * np.conj(e)).real * angle
             total += factor * k ** sum(both) * powers[m] * powers[n]
@@ -377,5 +347,38 @@ def _smeared(kernel: Kernel | Gaussian, rows: tuple[Row, ...], dim: int, spread:
         weight *= float(SPHERE[dim]) / (2 * np.pi * spread**2) ** (dim / 2)
         for c, beta, name in rows:
             f = radial_values(kernel, name, q, dim)
-            total += float(c) * float(_angular(beta)) * float((weight * q ** sum(beta) * f).sum())
+            total += float(c) * float(angular(beta)) * float((weight * q ** sum(beta) * f).sum())
     return total
+
+
+def scattered(derivation: Derivation, jitter: object, distribution: str = "gaussian") -> Derivation:
+    """The derivation with `scatter`: mean and spread of its moments when the particles of its
+    lattice are displaced by σ/Δx = jitter along each axis.
+
+    Raises ValueError where the derivation has no ratio Δx/h, for a jitter that is not between 0 and
+    10 and for forms without a theory.
+    """
+    from sphtrunc.derivation import Scatter
+
+    sigma = float(rational(jitter if isinstance(jitter, str) else Fraction(str(jitter)), "jitter"))
+    if not 0 <= sigma <= 10:
+        raise ValueError(f"jitter: got {sigma:g}, expected a standard deviation σ/Δx from 0 to 10")
+    if derivation.dx_over_h is None or not derivation.dx_over_h.is_Rational:
+        raise ValueError("jitter: needs a rational ratio, expected dx-over-h as well")
+    if derivation.operator.form == "symmetric":
+        raise ValueError("form: there is no theory for the symmetric form on disordered particles")
+    ratio = derivation.dx_over_h
+    found = predict(
+        derivation.kernel,
+        derivation.operator,
+        derivation.lattice,
+        Fraction(int(ratio.p), int(ratio.q)),
+        tuple(Fraction(int(x.p), int(x.q)) for x in derivation.shift),
+        sigma=sigma,
+        distribution=distribution,
+        volume=derivation.volume,
+        degree=min(derivation.degree, 6),
+    )
+    return replace(
+        derivation, scatter=Scatter(sigma, distribution, found.mean, found.std, found.how)
+    )

@@ -13,9 +13,9 @@ from math import e as euler
 from typing import TYPE_CHECKING, Any
 
 from sympy import Expr as Expression
-from sympy import Integer, Rational, erf, exp, gamma, pi, sqrt
+from sympy import Integer, Rational, Symbol, erf, exp, gamma, pi, sqrt
 
-from sphtrunc.kernel import SPHERE, dimension
+from sphtrunc.kernel import SPHERE, dimension, q
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,6 +71,46 @@ class Gaussian:
         """The same: there are no other knots."""
         return self.boundary_smoothness
 
+    @property
+    def pieces(self) -> tuple[Any, ...]:
+        """No polynomials."""
+        return ()
+
+    def coefficients(self) -> tuple[tuple[Rational, ...], ...]:
+        """None."""
+        return ()
+
+    @property
+    def degree(self) -> int:
+        """0: `jumps` is asked for derivatives up to here."""
+        return 0
+
+    def knot_smoothness(self) -> dict[Rational, int | float]:
+        """Derivatives that are continuous at 0 and, of a cut kernel, at its edge."""
+        edge: dict[Rational, int | float] = {} if self.cut is None else {self.support: -1}
+        return {Rational(0): float("inf"), **edge}
+
+    def jumps(self, derivative: int) -> dict[Rational, Expression]:
+        """[Ŵ^{(m)}](±κ) in 1D; empty for an infinite kernel."""
+        if self.cut is None:
+            return {}
+        s = Symbol("s")
+        at = self.expression(1).subs(q, s).diff((s, derivative)) if derivative else exp(-(s**2))
+        jump = -self.normalisation(1) * at.subs(s, self.cut)
+        return {-self.support: -((-1) ** derivative) * jump, self.support: jump}
+
+    def expression(self, dim: int) -> Expression:
+        """The shape w(q)."""
+        return (Rational(dim + 2, 2) - q**2 if self.power else 1) * exp(-(q**2))
+
+    def formula(self, dim: int) -> str:
+        """The shape as text."""
+        return f"({Rational(dim + 2, 2)} − q²) exp(−q²)" if self.power else "exp(−q²)"
+
+    def central(self, dim: int) -> Rational:
+        """w(0)."""
+        return Rational(dim + 2, 2) if self.power else Rational(1)
+
     def edge_jump(self, dim: int = 1) -> Expression:
         """[Ŵ](κ) = −σ_d e^{−κ²}, the jump at the cut; 0 for an infinite kernel.
 
@@ -115,6 +155,21 @@ class Gaussian:
         for i in range(2 if n % 2 == 0 else 3, n + 1, 2):
             value = Rational(i - 1, 2) * value - k ** (i - 1) * exp(-(k**2)) / 2
         return value
+
+    def radial_moment(self, name: str, n: int, dim: int) -> Expression:
+        """∫ |s|ⁿ f d^d s for f = Ŵ, w₁ = Ŵ′/q, w₂ = w₁′/q or w₃ = Ŵ′/q³; 0 where it diverges."""
+        a = Rational(dim + 2, 2) if self.power else Integer(1)
+        scale = Integer(1)
+        for _ in range({"w": 0, "w1": 1, "w2": 2, "w3": 1}[name]):
+            a, scale = a + self.power, -2 * scale
+        power = n + dim - 1 - 2 * (name == "w3")
+        if power < 0:
+            return Integer(0)
+        total = a * self._radial(power)
+        if self.power:
+            total -= self._radial(power + 2)
+        total *= scale * SPHERE[dim] * self.normalisation(dim)
+        return total.expand().simplify() if self.cut is None else total
 
     def _shape(self, n: int, dim: int) -> Expression:
         if not self.power:

@@ -74,6 +74,47 @@ def laurent(kernel: Kernel, name: str) -> tuple[Laurent, ...]:
     return tuple(pieces)
 
 
+def angular(total: MultiIndex) -> Fraction:
+    """The mean of e^total over directions e: ∏(n_i − 1)!!/(d(d+2)…), 0 for odd entries."""
+    if any(n % 2 for n in total):
+        return Fraction(0)
+    top = prod(prod(range(n - 1, 0, -2)) for n in total)
+    dim = len(total)
+    return Fraction(top, prod(range(dim, dim + sum(total), 2)))
+
+
+def continuous_sum(kernel: Kernel | Gaussian, key: Key) -> Any:
+    """m[δ, α] with the sum replaced by the integral, (−1)^{|δ|} ∫ s^α ∂^δ Ŵ d^d s, exactly.
+
+    By isotropy ∫ s^β f(|s|) = angular(β) ∫ |s|^{|β|} f. An integral with a 1/q in it belongs to a
+    moment that difference forms do not have, M_0; it is given as 0.
+    """
+    total: Any = Rational(0)
+    for c, beta, name in parts(key):
+        mean = angular(beta)
+        if mean:
+            weight = Rational(c * mean.numerator, mean.denominator)
+            total += weight * _radial_moment(kernel, name, sum(beta), len(beta))
+    return total
+
+
+@lru_cache(maxsize=2048)
+def _radial_moment(kernel: Kernel | Gaussian, name: str, n: int, dim: int) -> Any:
+    """∫ |s|ⁿ f d^d s for a radial function (of Ŵ, with σ_d)."""
+    if not isinstance(kernel, Kernel):
+        return kernel.radial_moment(name, n, dim)
+    total = Fraction(0)
+    knots = [Fraction(int(k.p), int(k.q)) for k in kernel.knots]
+    for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
+        for j, c in piece.items():
+            power = j + n + dim
+            if power == 0 or (power < 0 and not a):
+                return Rational(0)
+            total += c * (b**power - a**power) / power
+    mass = kernel.moment(0, dim) / kernel._mass(dim)
+    return Rational(total.numerator, total.denominator) * mass
+
+
 def lattice_sums(
     kernel: Kernel | Gaussian,
     keys: Iterable[Key],
@@ -81,9 +122,11 @@ def lattice_sums(
     dx_over_h: Fraction,
     offset: Sequence[Fraction],
     exact: bool = True,
+    volume: str = "constant",
 ) -> dict[Key, Any]:
     """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
 
+    volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
     kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
     rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
     rational radial values occur (always in 1D; for kernels even in q on square and cubic lattices)
@@ -94,6 +137,12 @@ def lattice_sums(
     Raises ValueError for a kernel that has no second derivative at a particle at the origin.
     """
     keys = list(keys)
+    if volume == "summation":
+        zero = ((0,) * len(offset),) * 2
+        home = (Fraction(0),) * len(offset)
+        density = lattice_sums(kernel, [zero], kind, dx_over_h, home, exact)[zero]
+        sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact)
+        return {key: value / density for key, value in sums.items()}
     shells = _shells(kind, dx_over_h, tuple(offset), _support(kernel))
     dim = len(offset)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
@@ -107,7 +156,7 @@ def lattice_sums(
         radial = {name: _radial(kernel, name, shells.squares, False, dim) for name in names}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
-    volume = dx_over_h**dim
+    cell = dx_over_h**dim
 
     @cache
     def total(beta: MultiIndex, name: str) -> Any:
@@ -116,7 +165,7 @@ def lattice_sums(
             return 0
         values = radial[name]
         assert values is not None
-        steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * volume
+        steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * cell
         if rational:
             return Fraction(steps) * sum(
                 (Fraction(n) * v for n, v in zip(counts, values, strict=True) if n), Fraction(0)
@@ -130,7 +179,7 @@ def lattice_sums(
     result: dict[Key, Any] = {}
     for key in keys:
         value = sum(c * total(beta, name) for c, beta, name in parts(key))
-        value = value + _at_origin(kernel, key, shells.at_origin, volume, rational)
+        value = value + _at_origin(kernel, key, shells.at_origin, cell, rational)
         if isinstance(value, Fraction):
             value = Rational(value.numerator, value.denominator)
         result[key] = value * scale if value != 0 else Rational(0)

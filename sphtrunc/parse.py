@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from sympy import QQ, Poly, Rational
 
-from sphtrunc import catalogue
+from sphtrunc import catalogue, gaussian
+from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel, q, rational
 
 if TYPE_CHECKING:
@@ -48,10 +49,11 @@ _GRAMMAR = r"""
 """
 
 
-def kernel(spec: Kernel | str) -> Kernel:
+def kernel(spec: Kernel | Gaussian | str) -> Kernel:
     """The kernel that a text names or describes; a Kernel passes through.
 
-    A name of the catalogue (`cubic-spline`, `b-spline:7`, `polynomial:4`), pieces
+    A name of the catalogue (`cubic-spline`, `b-spline:7`, `polynomial:4`), a Gaussian (`gaussian`,
+    `gaussian:3`, `super-gaussian`; see `sphtrunc.gaussian`), pieces
     ('0..1: 1 - 3/2*q^2 + 3/4*q^3; 1..2: (2-q)^3/4'), truncated powers
     ('pos(2-q)^3 - 4*pos(1-q)^3'), or the path of a .toml or .json file with `knots` and `pieces`.
 
@@ -60,8 +62,8 @@ def kernel(spec: Kernel | str) -> Kernel:
 
     Raises ValueError, in one line that says what to do, for anything else.
     """
-    if isinstance(spec, Kernel):
-        return spec
+    if isinstance(spec, (Kernel, Gaussian)):
+        return spec  # type: ignore[return-value]
     if not isinstance(spec, str):
         raise ValueError(f"kernel: got {type(spec).__name__}, expected a Kernel or a text")
     text = spec.strip()
@@ -72,7 +74,8 @@ def kernel(spec: Kernel | str) -> Kernel:
     words = set(findall("[A-Za-z]+", text[:MAX_LENGTH]))
     if words <= {"q", "pos"} or ".." in text or any(c in text for c in "()*/^+;="):
         return formula(text)
-    return catalogue.named(text)
+    smooth = gaussian.named(text) if "gaussian" in text.lower() else None
+    return catalogue.named(text) if smooth is None else smooth  # type: ignore[return-value]
 
 
 def formula(text: str, name: str = "custom", source: str = "") -> Kernel:

@@ -100,6 +100,101 @@ def dual_solve(
     ]
 
 
+class Stencil:
+    """The neighbours of one target on a lattice, with what their displacements change.
+
+    index: (d, N) integer points; s: (N, d) offsets in h; target: the row of the particle that is
+    the target itself, −1 where the target is not a particle (an offset) and does not move.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel | Gaussian,
+        kind: str,
+        dx_over_h: Fraction,
+        offset: Sequence[Fraction],
+        volume: str,
+        moved: Array | None = None,
+    ) -> None:
+        """moved: displacements, (N, d) in Δx, at which everything is evaluated."""
+        import numpy as np
+
+        from sphtrunc.lattice import sites, units
+
+        self.kernel, self.dim, self.ratio = kernel, len(offset), float(dx_over_h)
+        reach = (2.0 if volume == "summation" else 1.0) * float(kernel.support) / self.ratio
+        self.index = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
+        unit_length = np.array([float(u) for u in units(kind)])
+        s = self.ratio * (self.index.T * unit_length + np.array([float(o) for o in offset]))
+        self.target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
+        if moved is not None:
+            s += self.ratio * moved
+            if self.target >= 0:
+                s -= s[self.target].copy()
+        self.s = s
+        self.q = np.sqrt((s * s).sum(axis=1))
+        self.volumes, self.variation = _volumes(kernel, s, self.ratio, self.dim, volume)
+        self._radial: dict[tuple[str, int], Array] = {}
+
+    def _radial_at(self, name: str, order: int) -> Array:
+        import numpy as np
+
+        if (name, order) not in self._radial:
+            value = np.zeros_like(self.q)
+            away = np.arange(len(self.q)) != self.target
+            value[away] = radial_values(self.kernel, name, self.q[away], self.dim, order)
+            if self.target >= 0 and order == 0 and name in ("w", "w1"):
+                value[self.target] = _origin_value(self.kernel, name, self.dim)
+            self._radial[name, order] = value
+        return self._radial[name, order]
+
+    def sampled(self, key: Key) -> tuple[Array, Array]:
+        """g_b and ∇g_b of the term of a base sum, (N,) and (N, d)."""
+        import numpy as np
+
+        s = self.s
+        g, slope = np.zeros_like(self.q), np.zeros_like(s)
+        for c, beta, name in parts(key):
+            f, df = self._radial_at(name, 0), self._radial_at(name, 1)
+            monomial = np.prod(s ** np.array(beta), axis=1)
+            value = c * monomial * f
+            if isinstance(key[0], str) and self.target >= 0:
+                value[self.target] = 0.0
+            g += value
+            for i in range(self.dim):
+                slope[:, i] += c * monomial * df * s[:, i]
+                if beta[i]:
+                    lowered = tuple(n - (j == i) for j, n in enumerate(beta))
+                    slope[:, i] += c * beta[i] * np.prod(s ** np.array(lowered), axis=1) * f
+        return g, slope
+
+    def total(self, g: Array, slope: Array) -> Dual:
+        """Σ_b V_b g_b and its derivatives with respect to displacements in Δx."""
+        moves = self.ratio * self.volumes[:, None] * slope
+        if self.target >= 0:
+            moves[self.target] = 0.0
+            moves[self.target] -= moves.sum(axis=0)
+        if self.variation is not None:
+            moves = moves + self.variation(g)
+        return Dual(float(self.volumes @ g), moves)
+
+    def base_sum(self, key: Key) -> Dual:
+        """m[δ, α]."""
+        return self.total(*self.sampled(key))
+
+    def wave_sums(self, key: Key, wave: Array, difference: bool) -> tuple[Dual, Dual]:
+        """Σ_b V_b g_b A_b for A = cos k·s and sin k·s (less A at the target, for a difference)."""
+        import numpy as np
+
+        g, slope = self.sampled(key)
+        x = self.s @ wave
+        cosine, sine = np.cos(x), np.sin(x)
+        even = -2.0 * np.sin(0.5 * x) ** 2 if difference else cosine
+        along = slope * even[:, None] - (g * sine)[:, None] * wave
+        across = slope * sine[:, None] + (g * cosine)[:, None] * wave
+        return self.total(g * even, along), self.total(g * sine, across)
+
+
 def propagate(
     kernel: Kernel | Gaussian,
     operator: Operator,
@@ -118,63 +213,31 @@ def propagate(
     """
     import numpy as np
 
-    from sphtrunc.lattice import sites, units
+    stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
+    sums = {key: stencil.base_sum(key) for key in operator.needed(stencil.dim, degree)}
+    moments = operator.correct(sums, stencil.dim, degree, axis, dual_solve)
+    none = np.zeros_like(stencil.s)
+    slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
+    return slopes, stencil.index
 
-    dim = len(offset)
-    ratio = float(dx_over_h)
-    support = float(kernel.support)
-    reach = {"constant": 1.0, "cell": 1.0, "summation": 2.0}[volume] * support / ratio
-    m = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
-    unit_length = np.array([float(u) for u in units(kind)])
-    s = ratio * (m.T * unit_length + np.array([float(o) for o in offset]))
-    target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
-    if moved is not None:
-        s += ratio * moved
-        if target >= 0:
-            s -= s[target].copy()
-    q = np.sqrt((s * s).sum(axis=1))
-    volumes, variation = _volumes(kernel, s, ratio, dim, volume)
-    keys = operator.needed(dim, degree)
-    away = np.arange(len(q)) != target
-    cache: dict[tuple[str, int], Array] = {}
 
-    def radial_at(name: str, order: int) -> Array:
-        if (name, order) not in cache:
-            value = np.zeros_like(q)
-            value[away] = radial_values(kernel, name, q[away], dim, order)
-            if target >= 0 and order == 0 and name in ("w", "w1"):
-                value[target] = _origin_value(kernel, name, dim)
-            cache[name, order] = value
-        return cache[name, order]
+def wave_response(stencil: Stencil, operator: Operator, wave: Array) -> list[tuple[Dual, Dual]]:
+    """What the operator makes of e^{ik·x}, k in 1/h: real and imaginary part of the response at the
+    target for every component, in units of h^{−k}, with their derivatives."""
+    import numpy as np
 
-    sums: dict[Key, Dual] = {}
-    for key in keys:
-        g, slope = np.zeros_like(q), np.zeros_like(s)
-        for c, beta, name in parts(key):
-            f, df = radial_at(name, 0), radial_at(name, 1)
-            monomial = np.prod(s ** np.array(beta), axis=1)
-            skip_own = isinstance(key[0], str)
-            value = c * monomial * f
-            if skip_own and target >= 0:
-                value[target] = 0.0
-            g += value
-            for i in range(dim):
-                own = c * monomial * df * s[:, i]
-                if beta[i]:
-                    lowered = tuple(n - (j == i) for j, n in enumerate(beta))
-                    own = own + c * beta[i] * np.prod(s ** np.array(lowered), axis=1) * f
-                slope[:, i] += own
-        if target >= 0:
-            slope[target] = 0.0
-        total = ratio * volumes[:, None] * slope
-        if target >= 0:
-            total[target] -= total.sum(axis=0)
-        if variation is not None:
-            total = total + variation(g)
-        sums[key] = Dual(float(volumes @ g), total)
-    moments = operator.correct(sums, dim, degree, axis, dual_solve)
-    none = np.zeros_like(s)
-    return {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}, m
+    dim, nothing = stencil.dim, Dual(0.0, np.zeros_like(stencil.s))
+    sums = {key: stencil.base_sum(key) for key in operator.needed(dim, 0)}
+    result = []
+    for part in operator.coefficients(sums, dim, dual_solve):
+        real, imaginary = nothing, nothing
+        for key, c in part.items():
+            even, odd = stencil.wave_sums(key, wave, operator.uses_difference)
+            real, imaginary = real + c * even, imaginary + c * odd
+        if operator.uses_difference and operator.derivatives == 0:
+            real = real + 1.0
+        result.append((real, imaginary))
+    return result
 
 
 def _origin_value(kernel: Kernel | Gaussian, name: str, dim: int) -> float:

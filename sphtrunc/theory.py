@@ -13,42 +13,54 @@ mean of both sides, B̃_1(integer) = 0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from fractions import Fraction
 from functools import cache, partial
-from math import lcm, prod
-from typing import Any
+from math import lcm
+from typing import TYPE_CHECKING, Any
 
-from sympy import QQ, Expr, Poly, Rational, factorial, factorial2, floor, radsimp
+from sympy import QQ, Expr, Poly, Rational, factorial, floor, radsimp
 
 from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
 from sphtrunc.derivation import Derivation, Orders, Term
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational
+from sphtrunc.lattice_sums import continuous_sum, lattice_sums, laurent, parts
 from sphtrunc.moments import Moments, MultiIndex, unit
-from sphtrunc.operators import DERIVATIVES, FORMS, Key, Operator
+from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator
 from sphtrunc.parse import kernel as parse_kernel
+
+if TYPE_CHECKING:
+    from sphtrunc.gaussian import Gaussian
 
 MAX_DEGREE = 40  # of the moments that are derived
 
 
 def derive(
-    kernel: Kernel | str,
+    kernel: Kernel | Gaussian | str,
     operator: Operator | str = "gradient",
     *,
-    form: str = "standard",
+    form: str | None = None,
     correction: str = "none",
     dim: int = 1,
     degree: int = 5,
     dx_over_h: object = None,
     offset: object = 0,
+    lattice: str | None = None,
+    volume: str = "constant",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
     kernel: a Kernel, or any text that `sphtrunc.kernel` takes
-    operator: an Operator, or "value" or "gradient" together with `form` and `correction`
-    dim: 1, 2 or 3; the discretisation error is that of uniform particles in 1D
+    operator: an Operator, or its name together with `form` and `correction`
+    dim: 1, 2 or 3
     degree: moments M_α up to |α| = degree
     dx_over_h: Δx/h, an exact number ("10/13", a Fraction, an algebraic SymPy number), or None for
         the error at any ratio
-    offset: θ, the particles are at (j + θ)Δx from the target
+    offset: θ, the particles are at (j + θ)Δx from the target; in 2D and 3D one number per axis
+    lattice: "square" (default in 2D), "hexagonal"; "cubic" (default in 3D), "bcc", "fcc", "hcp"
+    volume: "constant", or "summation" (all particles alike, 1/Σ W)
+
+    In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
+    given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
 
     >>> derive("cubic-spline", dx_over_h="10/13").discrete[1]
     29200/28561
@@ -59,32 +71,27 @@ def derive(
     kernel = parse_kernel(kernel)
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
-    if operator.name not in DERIVATIVES or operator.form not in FORMS:
-        raise ValueError(
-            f"operator: got {operator.name}, form {operator.form}; the theory covers"
-            f" {', '.join(DERIVATIVES)} in the forms {', '.join(FORMS)}"
-        )
     dim = dimension(dim)
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= MAX_DEGREE:
         raise ValueError(f"degree: got {degree!r}, expected a whole number from 0 to {MAX_DEGREE}")
     degree = max(degree, operator.derivatives)
-    theta = rational(offset, "offset")
+    shift = _offset(offset, dim)
+    theta = shift[0]
     ratio = None if dx_over_h is None else spacing(dx_over_h)
-    if dim > 1 and (ratio is not None or theta != 0):
-        raise ValueError(
-            f"dx-over-h, offset: got a lattice in {dim}D, expected --dim 1; in 2D and 3D the"
-            " continuous moments and the smoothing error are derived"
-        )
+    kind = _lattice(lattice, dim, volume, ratio)
     needed = operator.needed(dim, degree)
-    continuous = {key: continuous_sum(kernel, *key) for key in needed}
+    continuous = {key: continuous_sum(kernel, key) for key in needed}
     limit = _moments(operator, continuous, dim, degree, "continuous limit")
-    terms = _terms(kernel, needed) if dim == 1 else ()
+    terms = _terms(kernel, needed) if dim == 1 and isinstance(kernel, Kernel) else ()
     discrete = None
     if ratio is not None:
-        _require_neighbours(kernel, ratio, theta)
-        discrete = _moments(
-            operator, lattice_sums(continuous, terms, ratio, theta), dim, degree, "derived"
-        )
+        if dim == 1:
+            _require_neighbours(kernel, ratio, theta)
+        if dim == 1 and isinstance(kernel, Kernel) and volume == "constant":
+            sums = euler_maclaurin_sums(continuous, terms, ratio, theta)
+            discrete = _moments(operator, sums, dim, degree, "derived")
+        else:
+            discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
     return Derivation(
         kernel=kernel,
         operator=operator,
@@ -94,9 +101,77 @@ def derive(
         terms=terms,
         dx_over_h=ratio,
         offset=theta,
+        shift=shift,
+        lattice=kind,
+        volume=volume,
         discrete=discrete,
         find_orders=partial(_orders, kernel, operator, dim, degree, theta),
     )
+
+
+def _offset(offset: object, dim: int) -> tuple[Rational, ...]:
+    """One rational per axis; a single 0 stands for all."""
+    given = list(offset) if isinstance(offset, (tuple, list)) else [offset]
+    exact = [rational(value, "offset") for value in given]
+    if len(exact) == 1 and exact[0] == 0:
+        exact *= dim
+    if len(exact) != dim:
+        raise ValueError(f"offset: got {len(exact)} numbers, expected {dim}, one per axis")
+    return tuple(exact)
+
+
+def _lattice(lattice: str | None, dim: int, volume: str, ratio: Expr | None) -> str:
+    from sphtrunc.lattice import DEFAULT, KINDS
+
+    kind = DEFAULT[dim] if lattice is None else lattice
+    names = [name for name, data in KINDS.items() if data.dim == dim]
+    if kind not in names:
+        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    if volume not in ("constant", "cell", "summation") or (volume == "cell" and dim > 1):
+        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
+    if ratio is None and (lattice is not None or volume != "constant"):
+        raise ValueError("lattice, volume: these need a ratio, expected dx-over-h as well")
+    return kind
+
+
+def _rounded(m: Any) -> Expr:
+    """A 50-digit number to 40 decimals and 30 digits."""
+    from sympy import Float
+
+    return Float(Rational(int(m.context.nint(m * 10**40)), 10**40), 30)
+
+
+def _summed(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    ratio: Expr,
+    shift: tuple[Rational, ...],
+    volume: str,
+    degree: int,
+) -> Moments:
+    """The moments at a ratio, particle by particle; see `sphtrunc.lattice_sums`."""
+    if not ratio.is_Rational:
+        raise ValueError(f"dx-over-h: got {ratio}, expected a rational ratio for this sum")
+    dim = len(shift)
+    step = Fraction(int(ratio.p), int(ratio.q))
+    offset = tuple(Fraction(int(x.p), int(x.q)) for x in shift)
+    most = 200_000
+    if float(kernel.support / ratio) ** dim > most:
+        raise ValueError(
+            f"dx-over-h: got {ratio}, a target has over {most} neighbours; expected a larger ratio"
+        )
+    linear = _is_linear(operator)
+    needed = operator.needed(dim, degree)
+    sums = lattice_sums(kernel, needed, kind, step, offset, linear, volume)
+    if not any(sums.values()):
+        raise ValueError(
+            f"dx-over-h: got {ratio}, and no particle is inside the support of"
+            f" {kernel.support}h; expected a smaller ratio (did you mean h/Δx?)"
+        )
+    found = _moments(operator, sums, dim, degree, "derived")
+    values = {a: m if isinstance(m, (int, Expr)) else _rounded(m) for a, m in found.values.items()}
+    return Moments(values, found.exact, found.derivatives, found.provenance)
 
 
 def spacing(value: object) -> Expr:
@@ -114,21 +189,12 @@ def spacing(value: object) -> Expr:
 # -- continuous moments -------------------------------------------------------------------------
 
 
-def continuous_sum(kernel: Kernel, delta: Any, alpha: MultiIndex) -> Rational:
-    """m[δ, α] with the sum replaced by the integral: (−1)^{|δ|} ∫ s^α ∂^δ Ŵ d^d s.
-
-    By isotropy ∫ s^{2a} g(|s|) = ∏(2a_i − 1)!!/[d(d+2)…(d+2n−2)] ∫ |s|^{2n} g, n = Σ a_i.
-    """
-    dim, n, order = len(alpha), sum(alpha), sum(delta)
-    gamma = tuple(a + b for a, b in zip(alpha, delta, strict=True))
-    if any(g % 2 for g in gamma):
-        return Rational(0)
-    angular = prod(factorial2(g - 1) for g in gamma) / prod(
-        Rational(dim + 2 * i) for i in range(sum(gamma) // 2)
-    )
-    if order == 0:
-        return angular * kernel.moment(n, dim)
-    return -angular * kernel.gradient_moment(n, dim)
+def continuous_moments(
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, degree: int, axis: int = 0
+) -> dict[MultiIndex, Any]:
+    """The moments for Δx/h → 0 of one component, exactly."""
+    sums = {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}
+    return operator.correct(sums, dim, degree, axis)
 
 
 def _moments(
@@ -138,11 +204,11 @@ def _moments(
     return Moments(values, operator.target(dim), operator.derivatives, provenance)
 
 
-def _smoothing_order(kernel: Kernel, operator: Operator, dim: int) -> int:
+def _smoothing_order(kernel: Kernel | Gaussian, operator: Operator, dim: int) -> int:
     """The power of h of the first smoothing error that is not zero, read off exact coefficients."""
     degree = operator.derivatives + 2
     while True:
-        sums = {key: continuous_sum(kernel, *key) for key in operator.needed(dim, degree)}
+        sums = {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}
         order = _moments(operator, sums, dim, degree, "").order
         if order is not None:
             return order
@@ -154,35 +220,45 @@ def _smoothing_order(kernel: Kernel, operator: Operator, dim: int) -> int:
 
 def _terms(kernel: Kernel, needed: Iterable[Key]) -> tuple[Term, ...]:
     return tuple(
-        Term(delta[0], alpha[0], *row)
-        for delta, alpha in needed
-        for row in euler_maclaurin(kernel, delta[0], alpha[0])
+        Term(term, alpha[0], *row)
+        for term, alpha in needed
+        for row in euler_maclaurin(kernel, term, alpha[0])
     )
 
 
 @cache
 def euler_maclaurin(
-    kernel: Kernel, derivative: int, k: int
+    kernel: Kernel, term: Any, k: int
 ) -> tuple[tuple[int, Rational, Rational], ...]:
-    """Rows (n, p, c) of the discretisation error of m[derivative, k], c ≠ 0.
+    """Rows (n, p, c) of the discretisation error of m[term, k], c ≠ 0.
 
-    Δs Σ_j f(s_j) − ∫ f ds = Σ c Δs^n B̃_n(p/Δs − θ), f(s) = (−1)^derivative s^k Ŵ^{(derivative)}(s).
+    Δs Σ_j f(s_j) − ∫ f ds = Σ c Δs^n B̃_n(p/Δs − θ), f(s) = (−1)^δ s^k Ŵ^{(δ)}(s), or −s^k Ŵ′/|s|
+    and −s^k Ŵ′/|s|³. Where such a term has a pole at the origin, k < 1 and k < 3, it belongs to a
+    moment that difference forms do not have, and nothing is returned; else f is 0 there, as it
+    should be without the particle at the target.
     """
-    factor = Poly((-1) ** derivative * q**k, q, domain=QQ)
-    pieces = list(kernel.pieces)
-    for _ in range(derivative):
-        pieces = [p.diff(q) for p in pieces]
-    pieces = [factor * p for p in pieces]
-    parity = (-1) ** (derivative + k)
+    if k < {BROOKSHAW: 1, FATEHI_MANZARI: 3}.get(term, 0):
+        return ()
+    rows = parts((term, (k,)))
+    pieces = []
+    for i in range(len(kernel.pieces)):
+        total: dict[int, Rational] = {}
+        for c, (power,), name in rows:
+            for j, x in laurent(kernel, name)[i].items():
+                value = Rational(c * x.numerator, x.denominator)
+                total[j + power] = total.get(j + power, Rational(0)) + value
+        total = {j: c for j, c in total.items() if c}
+        pieces.append(Poly({(j,): c for j, c in total.items()} or 0, q, domain=QQ))
+    parity = (-1) ** (k if isinstance(term, str) else k + term[0])
     sigma = kernel.normalisation(1)
-    rows = []
+    result = []
     for m, at in enumerate(jumps(kernel.knots, pieces, parity)):
         scale = sigma * (-1) ** m / factorial(m + 1)
-        rows += [(m + 1, p, scale * jump) for p, jump in at.items() if jump != 0]
-    return tuple(rows)
+        result += [(m + 1, p, scale * jump) for p, jump in at.items() if jump != 0]
+    return tuple(result)
 
 
-def lattice_sums(
+def euler_maclaurin_sums(
     continuous: Mapping[Key, Any], terms: Iterable[Term], ratio: Expr, theta: Rational
 ) -> dict[Key, Any]:
     """The base sums on the lattice: the integral and its Euler–Maclaurin terms."""
@@ -191,12 +267,12 @@ def lattice_sums(
     phase = cache(lambda p: fraction(p / ratio - theta))
     wave = cache(lambda n, p: simple(periodic_bernoulli(n, phase(p)) * power(n)))
     for term in terms:
-        key = ((term.derivative,), (term.moment,))
+        key = (term.term, (term.moment,))
         sums[key] += term.coefficient * wave(term.dx_power, term.knot)
     return {key: simple(value) for key, value in sums.items()}
 
 
-def _require_neighbours(kernel: Kernel, ratio: Expr, theta: Rational) -> None:
+def _require_neighbours(kernel: Kernel | Gaussian, ratio: Expr, theta: Rational) -> None:
     """At least one particle other than the target strictly inside the support."""
     nearest = min(abs(j + theta) for j in (-floor(theta), -floor(theta) - 1))
     if nearest == 0:
@@ -217,10 +293,10 @@ def _response(
 ) -> dict[MultiIndex, dict[Key, Any]]:
     """∂M_α/∂m[key] at the continuous limit, exactly: by a rational function of one symbol ε."""
     keys = list(continuous)
-    if operator.polynomial_degree is None and not operator.correction.startswith("csph"):
+    if _is_linear(operator):
         part = operator.coefficients(continuous, 1)[0]
         moments = operator.correct(continuous, 1, degree)
-        fixed = {unit(1, 0, 0)} if operator.form == "difference" else set()
+        fixed = {unit(1, 0, 0)} if operator.uses_difference else set()
         return {
             alpha: {
                 (delta, (alpha[0] + gamma[0],)): c
@@ -244,17 +320,20 @@ def _response(
     return result
 
 
-def _orders(kernel: Kernel, operator: Operator, dim: int, degree: int, theta: Rational) -> Orders:
+def _orders(
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, degree: int, theta: Rational
+) -> Orders:
     """Smoothing order, and the discretisation orders at generic and at aligned ratios.
 
     The latter to first order in the base sums, which decides for every power below twice the first.
     """
     smoothing = _smoothing_order(kernel, operator, dim)
     needed = operator.needed(dim, degree)
-    terms = _terms(kernel, needed) if dim == 1 else ()
+    terms = _terms(kernel, needed) if dim == 1 and isinstance(kernel, Kernel) else ()
     if not terms:
-        return Orders(smoothing, None, None)
-    continuous = {key: continuous_sum(kernel, *key) for key in needed}
+        cut = not isinstance(kernel, Kernel) and kernel.cut is not None and dim == 1
+        return Orders(smoothing, 1, 2) if cut else Orders(smoothing, None, None)
+    continuous = {key: continuous_sum(kernel, key) for key in needed}
     response = _response(operator, continuous, degree)
     powers = sorted({t.dx_power for t in terms})
     horizon = powers[-1] + 1 if _is_linear(operator) else 2 * powers[0]
@@ -274,7 +353,7 @@ def _orders(kernel: Kernel, operator: Operator, dim: int, degree: int, theta: Ra
 
 
 def _is_linear(operator: Operator) -> bool:
-    return operator.correction == "none"
+    return operator.correction == "none" and operator.form != FATEHI_MANZARI
 
 
 def _linear_terms(
@@ -283,7 +362,7 @@ def _linear_terms(
     """For each moment, knot -> coefficient of B̃_n(p h/Δx − θ) at one power n."""
     by_key: dict[Key, list[Term]] = {}
     for t in terms:
-        by_key.setdefault(((t.derivative,), (t.moment,)), []).append(t)
+        by_key.setdefault((t.term, (t.moment,)), []).append(t)
     result = []
     for row in response.values():
         knots: dict[Rational, Any] = {}
