@@ -22,7 +22,7 @@ from sphtrunc.kernel import q, rational
 Shape = tuple[list[Fraction], list[list[Fraction]]]
 
 
-# -- the oracle: a shape as plain fractions ---------------------------------------------------------
+# -- the oracle: a shape as plain fractions --------------------------------------------------------
 
 
 def integral(shape: Shape, power: int, derivative: int = 0) -> Fraction:
@@ -69,7 +69,7 @@ def as_fraction(x: object) -> Fraction:
     return Fraction(str(x))
 
 
-# -- identities -------------------------------------------------------------------------------------
+# -- identities ------------------------------------------------------------------------------------
 
 
 @given(shapes(), st.sampled_from([1, 2, 3]))
@@ -157,7 +157,7 @@ def test_scaled(shape: Shape, support: Fraction) -> None:
             assert as_fraction(j) == as_fraction(stretched[as_fraction(p)]) / ratio ** (m + 1)
 
 
-# -- a kernel is a value ----------------------------------------------------------------------------
+# -- a kernel is a value ---------------------------------------------------------------------------
 
 
 @given(shapes(most=4), st.data())
@@ -239,7 +239,7 @@ def test_input_is_not_shared() -> None:
     assert (hash(k), k.degree, k.support) == (before, 1, 2)
 
 
-# -- by hand ----------------------------------------------------------------------------------------
+# -- by hand ---------------------------------------------------------------------------------------
 
 
 def test_top_hat() -> None:
@@ -284,7 +284,7 @@ def test_negative_kernels_are_normalised_too() -> None:
     assert Kernel([0, 1], [[-1]]).moment(0, 3) == 1
 
 
-# -- refusals ---------------------------------------------------------------------------------------
+# -- refusals --------------------------------------------------------------------------------------
 
 BAD_KERNELS = [
     ([], [], "knots"),
