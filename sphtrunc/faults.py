@@ -50,6 +50,8 @@ MISPRINTS: tuple[tuple[str, int, Expr], ...] = (
     ("quintic-spline", 3, 3 / (359 * pi)),
 )
 
+ROUGH_PI = ("3.14", "3.142", "3.1416", "3.14159", "3.141593", "22/7")
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -204,6 +206,14 @@ def explain_constant(match: Match, dim: int) -> Fault | None:
             return Fault(
                 SINGLE_PRECISION, f"{lead}: its constant is accurate to single precision only{tail}"
             )
+        for text in ROUGH_PI:
+            rough = mpmath.mpf(text) if "/" not in text else mpmath.mpf(22) / 7
+            for predicted in (mpmath.pi / rough, rough / mpmath.pi):
+                if abs(found - predicted) <= abs(predicted - 1) / 100:
+                    return Fault(
+                        ROUNDED,
+                        f"{lead}, a relative {float(found - 1):.2g}: π was taken as {text}{tail}",
+                    )
         digits = _rounded_digits(match, dim, error)
         if digits:
             return Fault(ROUNDED, f"{lead}: its constant is given to {digits} digits only{tail}")

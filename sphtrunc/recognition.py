@@ -27,6 +27,7 @@ from sphtrunc.samples import DOUBLE, SINGLE, Samples, node_spacing
 Array = NDArray[np.float64]
 
 GRID = np.linspace(0, 0.75, 61)  # in units of the support: where shapes are told apart
+MOST_ERROR = 1e-2  # relative, of the amplitude: a bound wider than that agrees with anything
 ALIKE = 0.03  # how far apart two profiles may be for a full comparison
 
 
@@ -368,7 +369,7 @@ def compare(
         where = float(knot) * float(ratio)
         away &= np.abs(q - where) > max(8 * DOUBLE, support_error) * where
     off = np.abs(y - amplitude * shape) > 2 * noise
-    if bool(np.any(off & away)) or not amplitude:
+    if bool(np.any(off & away)) or error > MOST_ERROR:
         return None
     beyond = np.abs(outside) > 2 * samples.error[~inside] + np.max(noise)
     if bool(np.any(beyond[1:])):

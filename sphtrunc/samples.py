@@ -86,11 +86,11 @@ def load(path: str) -> Callable[..., Any]:
 
 
 def arguments(signature: str) -> tuple[str, ...]:
-    """The argument names of 'W(r,h)', 'W(r,h,dim)', 'w(q)', 'w(q,dim)' in any order."""
+    """The argument names of 'W(r,h)', 'W(r,h,dim)', 'w(q)', 'w(q,dim)', 'W(q,h)' in any order."""
     match = SIGNATURE.fullmatch(signature[:100])
     names = tuple(n.strip() for n in match.group(1).split(",")) if match else ()
     fine = len(set(names)) == len(names) and set(names) <= {"q", "r", "h", "dim"}
-    if not fine or ("q" in names) == ("r" in names) or ("q" in names and "h" in names):
+    if not fine or ("q" in names) == ("r" in names):
         raise ValueError(
             f'signature: got {signature[:60]!r}, expected "W(r,h)", "W(r,h,dim)", "w(q)" or'
             ' "w(q,dim)"'
