@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cache
+from functools import lru_cache
 from itertools import pairwise
 from math import factorial
 from numbers import Integral
@@ -284,7 +284,7 @@ class Kernel:
         return evaluate(tabulate(self, dimension(dim), derivative), points)
 
 
-@cache
+@lru_cache(maxsize=1024)
 def _mass(kernel: Kernel, dim: int) -> Rational:
     """∫₀^κ w q^{d−1} dq."""
     mass = kernel._radial(kernel.pieces, dim - 1)

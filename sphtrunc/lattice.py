@@ -11,13 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
-Indices = NDArray[np.int64]
-Rule = Callable[[Indices], NDArray[np.bool_]]
+    Indices = NDArray[np.int64]
+
+Rule = Callable[["Indices"], Any]  # integer points (d, …) -> whether each is a site
 
 MOST_SITES = 2**23  # of one stencil; 3D at Δx/h = 0.02 and κ = 2 has half of that
 _BITS = 256  # of an irrational unit
@@ -36,22 +38,24 @@ class Kind:
 
 
 def _everywhere(m: Indices) -> NDArray[np.bool_]:
+    import numpy as np
+
     return np.ones(m.shape[1:], dtype=bool)
 
 
 def _even_sum(m: Indices) -> NDArray[np.bool_]:
-    return np.asarray(m.sum(axis=0) % 2 == 0)
+    return m.sum(axis=0) % 2 == 0  # type: ignore[no-any-return]
 
 
 def _same_parity(m: Indices) -> NDArray[np.bool_]:
-    return np.asarray(((m[0] - m[1]) % 2 == 0) & ((m[0] - m[2]) % 2 == 0))
+    return ((m[0] - m[1]) % 2 == 0) & ((m[0] - m[2]) % 2 == 0)
 
 
 def _stacked(m: Indices) -> NDArray[np.bool_]:
     """Close-packed layers A B A B …: layer z is odd for B, which is shifted by (1, 1)."""
     layer = m[2] % 2
     row = m[1] - layer
-    return np.asarray((row % 3 == 0) & ((m[0] - layer - row // 3) % 2 == 0))
+    return (row % 3 == 0) & ((m[0] - layer - row // 3) % 2 == 0)
 
 
 def _signs(*steps: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
@@ -125,6 +129,8 @@ def sites(
 
     Raises ValueError where there are more than MOST_SITES.
     """
+    import numpy as np
+
     lattice = KINDS[kind]
     scale = [float(u) for u in units(kind)]
     shift = [float(o) for o in offset]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from math import lcm
 from typing import TYPE_CHECKING, Any
 
@@ -226,7 +226,7 @@ def _terms(kernel: Kernel, needed: Iterable[Key]) -> tuple[Term, ...]:
     )
 
 
-@cache
+@lru_cache(maxsize=4096)
 def euler_maclaurin(
     kernel: Kernel, term: Any, k: int
 ) -> tuple[tuple[int, Rational, Rational], ...]:
