@@ -44,18 +44,21 @@ def _everywhere(m: Indices) -> NDArray[np.bool_]:
 
 
 def _even_sum(m: Indices) -> NDArray[np.bool_]:
-    return m.sum(axis=0) % 2 == 0  # type: ignore[no-any-return]
+    even: NDArray[np.bool_] = m.sum(axis=0) % 2 == 0
+    return even
 
 
 def _same_parity(m: Indices) -> NDArray[np.bool_]:
-    return ((m[0] - m[1]) % 2 == 0) & ((m[0] - m[2]) % 2 == 0)
+    same: NDArray[np.bool_] = ((m[0] - m[1]) % 2 == 0) & ((m[0] - m[2]) % 2 == 0)
+    return same
 
 
 def _stacked(m: Indices) -> NDArray[np.bool_]:
     """Close-packed layers A B A B …: layer z is odd for B, which is shifted by (1, 1)."""
     layer = m[2] % 2
     row = m[1] - layer
-    return (row % 3 == 0) & ((m[0] - layer - row // 3) % 2 == 0)
+    stacked: NDArray[np.bool_] = (row % 3 == 0) & ((m[0] - layer - row // 3) % 2 == 0)
+    return stacked
 
 
 def _signs(*steps: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
