@@ -182,18 +182,6 @@ class Stencil:
         """m[δ, α]."""
         return self.total(*self.sampled(key))
 
-    def wave_sums(self, key: Key, wave: Array, difference: bool) -> tuple[Dual, Dual]:
-        """Σ_b V_b g_b A_b for A = cos k·s and sin k·s (less A at the target, for a difference)."""
-        import numpy as np
-
-        g, slope = self.sampled(key)
-        x = self.s @ wave
-        cosine, sine = np.cos(x), np.sin(x)
-        even = -2.0 * np.sin(0.5 * x) ** 2 if difference else cosine
-        along = slope * even[:, None] - (g * sine)[:, None] * wave
-        across = slope * sine[:, None] + (g * cosine)[:, None] * wave
-        return self.total(g * even, along), self.total(g * sine, across)
-
 
 def propagate(
     kernel: Kernel | Gaussian,
@@ -219,25 +207,6 @@ def propagate(
     none = np.zeros_like(stencil.s)
     slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
     return slopes, stencil.index
-
-
-def wave_response(stencil: Stencil, operator: Operator, wave: Array) -> list[tuple[Dual, Dual]]:
-    """What the operator makes of e^{ik·x}, k in 1/h: real and imaginary part of the response at the
-    target for every component, in units of h^{−k}, with their derivatives."""
-    import numpy as np
-
-    dim, nothing = stencil.dim, Dual(0.0, np.zeros_like(stencil.s))
-    sums = {key: stencil.base_sum(key) for key in operator.needed(dim, 0)}
-    result = []
-    for part in operator.coefficients(sums, dim, dual_solve):
-        real, imaginary = nothing, nothing
-        for key, c in part.items():
-            even, odd = stencil.wave_sums(key, wave, operator.uses_difference)
-            real, imaginary = real + c * even, imaginary + c * odd
-        if operator.uses_difference and operator.derivatives == 0:
-            real = real + 1.0
-        result.append((real, imaginary))
-    return result
 
 
 def _origin_value(kernel: Kernel | Gaussian, name: str, dim: int) -> float:

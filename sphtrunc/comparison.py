@@ -1,0 +1,202 @@
+"""Comparison: what theory predicts for a scene, beside what is measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import factorial, prod, sqrt
+from typing import Any
+
+import numpy as np
+
+from sphtrunc.disorder import Prediction, predict
+from sphtrunc.experiment import measure
+from sphtrunc.fields import Sinusoid
+from sphtrunc.kernel import Kernel
+from sphtrunc.measurement import Measurement
+from sphtrunc.moments import MultiIndex, label
+from sphtrunc.operators import Operator
+from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.propagation import mixing, propagate
+from sphtrunc.response import Split, predict_waves
+from sphtrunc.scene import Jittered, Lattice, Scene
+from sphtrunc.summation import UNIT
+from sphtrunc.theory import continuous_moments
+
+MOST_DEGREE = 6  # of the derivatives of a field
+
+
+def rule(scene: Scene) -> tuple[Lattice, float, str]:
+    """(lattice, σ/Δx, distribution) of a scene that the theory covers.
+
+    Raises ValueError, saying so, for graded spacing and explicit particles: there is no theory.
+    """
+    if isinstance(scene, Jittered):
+        return scene.lattice, scene.sigma, scene.distribution
+    if isinstance(scene, Lattice):
+        return scene, 0.0, "gaussian"
+    raise ValueError(
+        f"scene: there is no theory for {type(scene).__name__.lower()} particles; expected a"
+        " lattice, with or without jitter"
+    )
+
+
+def predict_moments(
+    scene: Scene, kernel: Kernel | str, operator: Operator, degree: int = 3
+) -> Prediction:
+    """Predicted mean and standard deviation of the moments of the first component.
+
+    Raises ValueError where there is no theory: see `rule`; and for the symmetric form on disordered
+    particles, whose densities differ.
+    """
+    lattice, sigma, distribution = rule(scene)
+    if operator.form == "symmetric" and sigma:
+        raise ValueError("form: there is no theory for the symmetric form on disordered particles")
+    return predict(
+        parse_kernel(kernel),
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        lattice.offset,
+        sigma=sigma,
+        distribution=distribution,
+        volume=lattice.volume,
+        degree=degree,
+    )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured less predicted moments, and how large the differences may be.
+
+    difference: multi-index -> mean measured − mean predicted
+    expected: its size: the rounding bound on a lattice, one standard error on disordered particles
+    ratio: multi-index -> measured over predicted standard deviation; empty on a lattice
+    """
+
+    measured: Measurement
+    predicted: Prediction
+    difference: Mapping[MultiIndex, float]
+    expected: Mapping[MultiIndex, float]
+    ratio: Mapping[MultiIndex, float]
+
+    def __str__(self) -> str:
+        lines = [f"measured - derived ({self.predicted.how})"]
+        for alpha, value in self.difference.items():
+            text = f"  M({label(alpha)}): {value: .3e}, expected {self.expected[alpha]:.1e}"
+            if alpha in self.ratio:
+                text += f", spread measured/derived {self.ratio[alpha]:.3f}"
+            lines.append(text)
+        return "\n".join(lines)
+
+
+def compare(
+    scene: Scene,
+    kernel: Kernel | str,
+    operator: Operator | str = "gradient",
+    *,
+    form: str | None = None,
+    correction: str = "none",
+    degree: int = 3,
+    targets: object = None,
+    seed: int = 0,
+) -> Comparison:
+    """Measure the moments of an operator on a scene, derive them, and subtract.
+
+    Raises ValueError where there is no theory (see `predict_moments`), and for bad arguments.
+    """
+    kernel = parse_kernel(kernel)
+    if isinstance(operator, str):
+        operator = Operator(operator, form, correction)
+    predicted = predict_moments(scene, kernel, operator, degree)
+    still = isinstance(scene, Lattice)
+    measured = measure(
+        scene, kernel, operator, moments=degree, targets=targets, seed=seed, bound=still
+    )
+    difference, expected, ratio = {}, {}, {}
+    for alpha, values in measured.moments.values.items():
+        difference[alpha] = float(values.mean()) - predicted.mean[alpha]
+        if still and measured.moment_bound is not None:
+            bound = float(measured.moment_bound[alpha].max())
+            expected[alpha] = bound + UNIT * abs(predicted.mean[alpha])
+        else:
+            expected[alpha] = predicted.std[alpha] / sqrt(values.size)
+            if predicted.std[alpha]:
+                ratio[alpha] = float(values.std()) / predicted.std[alpha]
+    return Comparison(measured, predicted, difference, expected, ratio)
+
+
+def predict_error(
+    kernel: Kernel | str,
+    operator: Operator,
+    scene: Scene,
+    field: Sinusoid | Mapping[MultiIndex, float],
+) -> Split:
+    """The predicted error of an estimate, split into its parts.
+
+    field: a sinusoid along the first axis: rms over phases and displacements, relative to the
+        largest exact derivative; or the derivatives h^{|α|} A^{(α)} at the target of any field, α
+        up to degree 6: rms over displacements, relative to the derivative that is estimated, or as
+        it is if that is zero.
+
+    Raises ValueError where there is no theory for the scene, and for fields of another kind.
+    """
+    kernel = parse_kernel(kernel)
+    lattice, sigma, distribution = rule(scene)
+    if isinstance(field, Sinusoid):
+        if any(field.direction[1:]):
+            raise ValueError("field: expected a sinusoid along the first axis")
+        return predict_waves(
+            kernel,
+            operator,
+            lattice.kind,
+            lattice.dx_over_h,
+            lattice.offset,
+            [field.h_over_lambda],
+            sigma=sigma,
+            distribution=distribution,
+            volume=lattice.volume,
+        )[0]
+    if not isinstance(field, Mapping):
+        raise ValueError(
+            f"field: got {type(field).__name__}, expected a sinusoid or a mapping from"
+            " multi-indices to derivatives"
+        )
+    return _of_derivatives(kernel, operator, lattice, sigma, distribution, field)
+
+
+def _of_derivatives(
+    kernel: Kernel,
+    operator: Operator,
+    lattice: Lattice,
+    sigma: float,
+    distribution: str,
+    field: Mapping[MultiIndex, float],
+) -> Split:
+    """Σ_α (M_α − M_α^exact) A^{(α)} h^{|α|}/α! of the first component, and its spread."""
+    dim = lattice.dim
+    degree = max((sum(a) for a in field), default=0)
+    if not field or degree > MOST_DEGREE or any(len(a) != dim for a in field):
+        raise ValueError(
+            f"field: expected multi-indices of {dim} entries and of degree {MOST_DEGREE} at most"
+        )
+    target = operator.target(dim)
+    scale = abs(sum(field.get(mu, 0.0) for mu in target)) or 1.0
+    factor = {a: v / prod(factorial(n) for n in a) for a, v in field.items()}
+    arguments = (kernel, operator, lattice.kind, lattice.dx_over_h, lattice.offset)
+    still = predict(*arguments, volume=lattice.volume, degree=degree).mean
+    limit = continuous_moments(kernel, operator, dim, degree)
+
+    def error(moments: Mapping[MultiIndex, Any]) -> float:
+        return sum(f * float(moments[a] - target.get(a, 0)) for a, f in factor.items())
+
+    whole, smooth, disorder = error(still), error(limit), 0.0
+    if sigma:
+        slopes, index = propagate(*arguments, lattice.volume, degree)
+        slope: Any = sum(f * slopes[a] for a, f in factor.items())
+        mixed = mixing(lattice.kind, index, distribution)
+        disorder = sigma * float(np.linalg.norm(slope if mixed is None else mixed.T @ slope))
+    rounding = UNIT * sum(abs(f * still[a]) for a, f in factor.items())
+    total = sqrt(whole**2 + disorder**2 + rounding**2)
+    parts = (total, abs(smooth), abs(whole - smooth), disorder, rounding)
+    return Split(*(part / scale for part in parts))
