@@ -10,12 +10,20 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import PRECISIONS, SLACK, Ball, Health, arithmetic
+from sphtrunc.arithmetic import (
+    FINER,
+    PRECISIONS,
+    SLACK,
+    Bounded,
+    Extended,
+    Health,
+    arithmetic,
+)
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
@@ -48,13 +56,19 @@ class Task:
 
     def run(self, target: Indices) -> Block:
         """Measure these targets."""
-        number = arithmetic(self.precision, self.bound)
         if self.precision == "exact":
             return _exactly(self, target)
-        block = self.scene.neighbourhood(
-            target, self.kernel, extended=self.precision == "extended", errors=self.bound
-        )
-        if self.bound and (block.offset_error is None or block.volume_error is None):
+        if not self.bound:
+            return self._evaluate(target, arithmetic(self.precision))
+        bounded = self._evaluate(target, Bounded(arithmetic(self.precision)))
+        if self.scene.volume == "summation" or not getattr(self.scene, "one_h", True):
+            return bounded
+        return _nearer(bounded, self._evaluate(target, Extended()))
+
+    def _evaluate(self, target: Indices, number: Any) -> Block:
+        extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
+        block = self.scene.neighbourhood(target, self.kernel, extended=extended, errors=errors)
+        if errors and (block.offset_error is None or block.volume_error is None):
             raise ValueError("bound: summation volumes carry no bound; expected constant or cell")
         s = [
             number.number(x, _axis(block.offset_low, i), _axis(block.offset_error, i))
@@ -101,16 +115,18 @@ class Task:
         inside = distance <= float(self.kernel.support)
         if block.particle is not None:
             inside &= block.particle >= 0
-        away = (inside & (distance > 0.0)).sum(axis=0)
+        within = inside & (distance < float(self.kernel.support))
+        away = (within & (distance > 0.0)).sum(axis=0)
+        shown = errors or parts or None
         return Block(
             target=target,
             estimates=_values(number, parts),
             errors=None if errors is None else _values(number, errors),
             moments={a: _wide(number.value(m), target.size) for a, m in moments.items()},
-            estimate_bound=_radii(errors or parts) if self.bound and parts else None,
-            moment_bound={a: _wide(_radius(m), target.size) for a, m in moments.items()}
-            if self.bound
-            else None,
+            estimate_bound=None if shown is None else _apart(shown, "radius", "low"),
+            moment_bound={
+                a: _wide(_apart([m], "radius", "low")[0], target.size) for a, m in moments.items()
+            },
             pairs=inside.sum(axis=0),
             neighbours=away,
             condition=_wide(np.asarray(health.condition), target.size),
@@ -153,12 +169,36 @@ def _values(number: Any, parts: list[Any]) -> Array | None:
     return np.stack(np.broadcast_arrays(*[number.value(p) for p in parts])) if parts else None
 
 
-def _radius(x: Any) -> Array:
-    return np.asarray(x.radius) * SLACK if isinstance(x, Ball) else np.zeros(np.shape(x))
+def _apart(parts: list[Any], *names: str) -> Array:
+    """What numbers hold beside their values: the radius of a ball, the low part of a pair."""
+    found = [next((getattr(p, n) for n in names if hasattr(p, n)), np.zeros(())) for p in parts]
+    shapes = np.broadcast_shapes(*(np.shape(x) for x in found))
+    return np.stack([np.broadcast_to(np.asarray(x, dtype=np.float64), shapes) for x in found])
 
 
-def _radii(parts: list[Any]) -> Array:
-    return np.stack(np.broadcast_arrays(*[_radius(p) for p in parts]))
+def _nearer(bounded: Block, fine: Block) -> Block:
+    """The bound by comparison with pairs of floats: the distance from them, and what they may be
+    off by, a small part of the bound by error analysis."""
+
+    def bound(rough: Any, value: Any, rest: Any, radius: Any) -> Any:
+        return (np.abs((value - rough) + rest) + FINER * radius) * SLACK
+
+    shown = "estimates" if bounded.errors is None else "errors"
+    return replace(
+        bounded,
+        estimate_bound=None
+        if bounded.estimates is None
+        else bound(
+            getattr(bounded, shown),
+            getattr(fine, shown),
+            fine.estimate_bound,
+            bounded.estimate_bound,
+        ),
+        moment_bound={
+            a: bound(m, fine.moments[a], fine.moment_bound[a], bounded.moment_bound[a])
+            for a, m in bounded.moments.items()
+        },
+    )
 
 
 def _wide(values: Array, size: int) -> Array:
@@ -221,7 +261,7 @@ def _joined(blocks: list[Block], target: Indices) -> Block:
             for a in blocks[0].moments
         },
         estimate_bound=None,
-        moment_bound=None,
+        moment_bound={},
         pairs=np.concatenate([b.pairs for b in blocks])[: target.size],
         neighbours=np.concatenate([b.neighbours for b in blocks])[: target.size],
         condition=np.concatenate([b.condition for b in blocks])[: target.size],
@@ -365,7 +405,7 @@ def _fields(field: Field | list[Field] | None, operator: Operator, dim: int) -> 
     fields = tuple(field) if isinstance(field, (list, tuple)) else (field,) * (dim if vector else 1)
     if len(fields) != (dim if vector else 1):
         raise ValueError(
-            f"field: got {len(fields)} components, {operator.name} in {dim}D expects"
+            f"field: got {len(fields)} components for {operator.name} in {dim}D, expected"
             f" {dim if vector else 1}"
         )
     for one in fields:
@@ -375,7 +415,9 @@ def _fields(field: Field | list[Field] | None, operator: Operator, dim: int) -> 
                 " field or Values"
             )
         if isinstance(one, Sinusoid) and len(one.direction) != dim:
-            raise ValueError(f"field: a sinusoid in {len(one.direction)}D for a scene in {dim}D")
+            raise ValueError(
+                f"field: got a sinusoid in {len(one.direction)}D, expected one in {dim}D"
+            )
     return fields
 
 

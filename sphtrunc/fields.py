@@ -243,12 +243,11 @@ def _terms(text: str, dim: int) -> dict[MultiIndex, float]:
     if len(text) > 1000:
         raise ValueError("field: a polynomial of at most 1000 characters is expected")
     result: dict[MultiIndex, float] = {}
-    compact = re.sub(r"[\s*]+", " ", text.replace("-", " -").replace("+", " +")).strip()
-    found = re.findall(r"([+-]?)\s*((?:\d+\.?\d*|\.\d+)?)((?:\s?[xyz](?:\^\d{1,2})?)*)", compact)
-    kept = [term for term in found if term[1] or term[2]]
-    if not kept or "".join(a + b + c for a, b, c in kept).replace(" ", "") != compact.replace(
-        " ", ""
-    ):
+    term = r"([+-]?)((?:\d+\.?\d*|\.\d+)?)((?:[*]?[xyz](?:\^\d{1,2})?)*)"
+    compact = re.sub(r"\s+", "", text)
+    kept = [found for found in re.findall(term, compact) if found[1] or found[2]]
+    signed = all(sign for sign, _, _ in kept[1:])
+    if not kept or not signed or "".join(map("".join, kept)) != compact:
         raise ValueError(f"field: cannot read the polynomial {text[:60]!r}; example: 1 + 2 x^2 y")
     for sign, number, powers in kept:
         alpha = [0] * 3

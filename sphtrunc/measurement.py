@@ -32,7 +32,8 @@ class Block:
     estimates: (C, T) components of the estimate, and errors: (C, T) less the exact derivative, both
         in units of A/h^k; None without a field (errors: without exact derivatives)
     moments: multi-index -> (T,) of the first component
-    estimate_bound, moment_bound: bounds of the rounding errors, if asked for
+    estimate_bound, moment_bound: bounds of the rounding errors (of the errors, where there are
+        any), in the arithmetic that has them; the low parts in extended arithmetic
     pairs, neighbours: (T,) particles within the support, with and without those at the target
     condition: (T,) of the worst correction matrix
     """
@@ -42,7 +43,7 @@ class Block:
     errors: Array | None
     moments: Mapping[MultiIndex, Array]
     estimate_bound: Array | None
-    moment_bound: Mapping[MultiIndex, Array] | None
+    moment_bound: Mapping[MultiIndex, Array]
     pairs: Indices
     neighbours: Indices
     condition: Array
@@ -291,7 +292,8 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         found = [getattr(b, name) for b in blocks]
         return None if found[0] is None else np.concatenate(found, axis=1)
 
-    errors, estimates, bound = side("errors"), side("estimates"), side("estimate_bound")
+    errors, estimates = side("errors"), side("estimates")
+    bound = side("estimate_bound") if task.bound else None
     errors = None if errors is None else errors / scale
     bound = None if bound is None else bound / scale
     if lattice and waves and errors is not None:
@@ -305,10 +307,9 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         estimates = estimates / task.scene.h[target] ** k  # type: ignore[union-attr]
     moments = {a: np.concatenate([b.moments[a] for b in blocks])[fit] for a in blocks[0].moments}
     moment_bound = None
-    if task.bound and blocks[0].moment_bound is not None:
+    if task.bound:
         moment_bound = {
-            a: np.concatenate([b.moment_bound[a] for b in blocks if b.moment_bound])[fit]
-            for a in moments
+            a: np.concatenate([b.moment_bound[a] for b in blocks])[fit] for a in moments
         }
     worst = None
     if task.bound:

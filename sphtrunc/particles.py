@@ -62,18 +62,22 @@ class Particles:
         if "tree" not in self._trees:
             from scipy.spatial import cKDTree
 
-            if self.period is None:
-                self._trees["tree"] = cKDTree(self.x.T)
-            else:
-                self._trees["tree"] = cKDTree(self._wrapped(self.x), boxsize=self.period)
+            box = None if self.period is None else self.period * self._unit
+            self._trees["tree"] = cKDTree(self._wrapped(self.x), boxsize=box)
         return self._trees["tree"]
 
+    @property
+    def _unit(self) -> float:
+        """A power of two that brings all coordinates to about 1, whose squares the search takes."""
+        size = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
+        return float(2.0 ** -np.clip(np.frexp(max(size, float(self.h.max())))[1], -1000, 1000))
+
     def _wrapped(self, x: Array) -> Array:
-        """Positions (n, d) inside the box, for the search only."""
+        """Positions (n, d) inside the box, in the unit of the search."""
         if self.period is None:
-            return np.ascontiguousarray(x.T)
+            return np.ascontiguousarray(x.T) * self._unit
         inside = np.mod(x.T, self.period)
-        return np.where(inside < self.period, inside, 0.0)
+        return np.where(inside < self.period, inside, 0.0) * self._unit
 
     def _neighbours(self, target: Indices, kernel: Kernel) -> list[list[int]]:
         support = float(kernel.support)
@@ -94,7 +98,7 @@ class Particles:
         radius = support * h * _EDGE + 4.0 * UNIT * spread
         found: list[list[int]] = list(
             self._tree().query_ball_point(
-                self._wrapped(self.x[:, target]), radius, return_sorted=True
+                self._wrapped(self.x[:, target]), radius * self._unit, return_sorted=True
             )
         )
         return found
@@ -138,14 +142,18 @@ class Particles:
         if not self.one_h:
             h_b = self.h[particle]
             stretch = h / (h_b if self.mode == "scatter" else 0.5 * (h + h_b))
-        scale = h**self.dim
         if self.given is not None:
             v = self.given[particle]
         elif self.volume == "cell":
             v = self._cells()[particle]
         else:
             v = self._summed(kernel)[particle]
-        v = np.where(absent, 0.0, v / scale)
+        v = np.where(absent, 0.0, v)
+        with np.errstate(over="ignore"):
+            for _ in range(self.dim):
+                v = v / h
+        if not np.all(np.isfinite(v)):
+            raise ValueError("volume: V/h^d is beyond the range of floats; expected other units")
         if extended and (stretch is not None or self.volume == "summation"):
             raise ValueError(
                 "precision: extended needs mode gather or one h, and volumes that are not summed"

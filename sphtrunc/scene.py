@@ -243,7 +243,7 @@ class Jittered:
     ) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), N the largest number among them."""
         m = self._sites(kernel)
-        base, base_low = _positions(self.lattice, m, Fraction(1), extended)
+        base, base_low = _positions(self.lattice, m, Fraction(1), extended or errors)
         dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
@@ -252,20 +252,19 @@ class Jittered:
         low, error = [], []
         for axis, u in enumerate(self._displacement(place)):
             row, mine = base[axis][:, None], own[axis] if self.target_moves else 0.0 * own[axis]
-            if base_low is None:
-                u -= mine
-                s = np.add(u, row, out=offset[axis])
-                s *= dx_over_h[0]
-            else:
+            if base_low is not None:
                 difference = two_sum(u, np.broadcast_to(-mine, u.shape))
                 both = dd_add(difference, (row, base_low[axis][:, None]))
-                offset[axis], s_low = dd_mul(both, (np.array(dx_over_h[0]), np.array(dx_over_h[1])))
-                low.append(s_low)
-            if errors:  # of the position, the difference, the sum, the ratio and the product
-                error.append(
-                    (UNIT * dx_over_h[0]) * (np.abs(u) + np.abs(row))
-                    + (3.0 + 1e-9) * UNIT * np.abs(offset[axis])
-                )
+                fine = dd_mul(both, (np.array(dx_over_h[0]), np.array(dx_over_h[1])))
+            u -= mine
+            s = np.add(u, row, out=offset[axis])
+            s *= dx_over_h[0]
+            if extended:
+                offset[axis], rest = fine
+                low.append(rest)
+            elif errors:  # what the rounded formula is off by
+                gap = np.abs((fine[0] - s) + fine[1])
+                error.append(gap * _EDGE + 2.0**-84 * np.abs(s))
         volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
         return _assemble(self.volume, volume, offset, low, error, target, kernel)
 
@@ -510,12 +509,21 @@ def _stencil(
     """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
     radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
     found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
-    if found.shape[1] <= (0 if any(lattice.offset) else 1):
+    if not slack and not _any_inside(lattice, found, kernel):
         raise ValueError(
             f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
             f" support of {float(kernel.support):g} h; did you mean h/Δx?"
         )
     return found
+
+
+def _any_inside(lattice: Lattice, m: Indices, kernel: Kernel) -> bool:
+    """At least one particle, not at the target, strictly inside the support."""
+    if m.shape[1] > 1000:
+        return True
+    position = _exact_positions(lattice, m) * lattice.dx_over_h
+    square = (position * position).sum(axis=0)
+    return any(0 < r2 < _fraction(kernel.support) ** 2 for r2 in square)
 
 
 @lru_cache(maxsize=16)
