@@ -192,7 +192,7 @@ def test_a_kernel_of_ones_own(tmp_path, capsys):
         ("derive -k cubic-spline --operator rotation", "--operator"),
         ("derive -k cubic-spline --operator value --correction csph", "corrects a gradient"),
         ("derive -k cubic-spline --correction rkpm-3 --dx-over-h 3/2", "singular"),
-        ("derive -k nothing.toml", "no such file"),
+        ("derive -k nothing.toml", "No such file"),
         ("derive", "--kernel"),
         ("derive -k cubic-spline -o /no/such/folder/file", "/no/such/folder"),
         ("derive -k cubic-spline extra", "extra"),
