@@ -190,7 +190,7 @@ class Kernel:
 
         The keys are −κ … 0 … κ; zeros are included.
         """
-        at = jumps(self.knots, self.pieces, parity=1)
+        at = _jumps(self)
         sigma = self.normalisation(1)
         if count(derivative, "derivative") >= len(at):
             return dict.fromkeys(at[0], Rational(0))
@@ -199,7 +199,7 @@ class Kernel:
     @property
     def boundary_smoothness(self) -> int:
         """β: the derivatives 0 … β vanish at the edge of the support (−1: w itself jumps there)."""
-        return int(valuation(self.pieces[-1], self.support)) - 1
+        return int(self.knot_smoothness()[self.support])
 
     @property
     def smoothness(self) -> int:
@@ -211,15 +211,11 @@ class Kernel:
 
         inf where all of them are (an origin without odd powers of q).
         """
-        result: dict[Rational, int | float] = {}
-        odd = [m for (m,), c in self.pieces[0].terms() if m % 2 and c]
-        result[self.knots[0]] = min(odd) - 1 if odd else float("inf")
-        zero = Poly(0, q, domain=QQ)
-        for knot, left, right in zip(
-            self.knots[1:], self.pieces, (*self.pieces[1:], zero), strict=True
-        ):
-            result[knot] = valuation(right - left, knot) - 1
-        return result
+        at = _jumps(self)
+        return {
+            knot: next((m - 1 for m, jump in enumerate(at) if jump[knot]), float("inf"))
+            for knot in self.knots
+        }
 
     def scaled(self, support: object) -> Kernel:
         """The same kernel with its support at `support` times h instead of κ times h.
@@ -293,6 +289,11 @@ def _mass(kernel: Kernel, dim: int) -> Rational:
             f"kernel {kernel.name!r}: its integral in {dim}D is zero, so it cannot be normalised"
         )
     return mass
+
+
+@lru_cache(maxsize=256)
+def _jumps(kernel: Kernel) -> list[dict[Rational, Rational]]:
+    return jumps(kernel.knots, kernel.pieces, parity=1)
 
 
 def _piece(piece: object) -> Poly:
