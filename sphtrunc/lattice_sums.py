@@ -232,7 +232,7 @@ class _Shells:
         starts = [i for i, v in enumerate(sorted_lengths) if i == 0 or v != sorted_lengths[i - 1]]
         self.starts = np.array(starts, dtype=np.intp)
         self.squares = tuple(sorted_lengths[i] * scale for i in starts)
-        self.alike = len(set(self.step)) == 1 and len(set(offset)) == 1 and kind != "hcp"
+        self.alike = len(set(roots)) == 1 and len(set(offset)) == 1  # no axis is special
         points = {tuple(int(v) for v in p) for p in self.x.T}
         self.mirrors = tuple(
             all(tuple(-v if j == i else v for j, v in enumerate(p)) in points for p in points)

@@ -70,7 +70,8 @@ def smoothing_error(kernel: Kernel | Gaussian, k: ArrayLike, dim: int = 1) -> ND
 
     Keeps its relative accuracy as k → 0, where it is R_2 k²/(2d).
     """
-    points = np.abs(_checked(k))
+    given = np.abs(_checked(k))
+    points = given.reshape(-1)
     result = 1.0 - radial(kernel, points, dim, 0)
     small = points * kernel_scale(kernel) <= 1.0
     coefficients = _series(kernel, dimension(dim), 0)
@@ -79,7 +80,7 @@ def smoothing_error(kernel: Kernel | Gaussian, k: ArrayLike, dim: int = 1) -> ND
     for c in reversed(coefficients[1:]):
         value = (value + c) * u
     result[small] = -value
-    return np.asarray(result)
+    return result.reshape(given.shape)
 
 
 def radial(kernel: Kernel | Gaussian, k: ArrayLike, dim: int, m: int = 0) -> NDArray[np.float64]:
