@@ -366,7 +366,9 @@ def _shown(match: Match) -> str:
     return f"{value:.12g}"
 
 
-def _crossings(q: NDArray[np.float64], values_: NDArray[np.float64]) -> tuple[float, ...]:
+def _crossings(
+    q: NDArray[np.floating[Any]], values_: NDArray[np.floating[Any]]
+) -> tuple[float, ...]:
     """Where the sampled function changes sign, between neighbours by a straight line."""
     v = np.where(np.abs(values_) < 1e-12 * np.max(np.abs(values_)), 0, values_)
     keep = np.nonzero(v)[0]

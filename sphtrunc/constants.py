@@ -91,7 +91,10 @@ def _value(tree: Any) -> tuple[Expr, Fraction]:
             exact = Rational(Fraction(decimal))
             ulp = Fraction(10) ** int(digits.exponent) / 2
             _capped(exact)
-            return exact, abs(ulp / Fraction(decimal)) if rounded and exact else Fraction(0)
+            if not rounded or not exact:
+                return exact, Fraction(0)
+            # a decimal of many digits was printed from a double, itself computed in doubles
+            return exact, max(abs(ulp / Fraction(decimal)), Fraction(1, 2**51))
         case ("pi",):
             return pi, Fraction(0)
         case ("root", inner):

@@ -22,7 +22,7 @@ from sphtrunc.recognition import ANALYTIC, Analytic, Match, conventions, profile
 from sphtrunc.reconstruction import reconstruct
 from sphtrunc.samples import DOUBLE, SINGLE, Samples
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 HALF_RANGE = "half-range integral"
 POWER_OF_SUPPORT = "wrong power of the support"
@@ -202,7 +202,7 @@ def explain_constant(match: Match, dim: int) -> Fault | None:
             (kind, words), rest = explained[0], explained[1:]
             also = dict.fromkeys(f"{k}: {w}" for k, w in rest if k != kind)
             return Fault(kind, f"{lead}: {words}{tail}", tuple(also)[:4])
-        if abs(found - 1) <= 4 * SINGLE:
+        if SINGLE / 64 < abs(found - 1) <= 4 * SINGLE:
             return Fault(
                 SINGLE_PRECISION, f"{lead}: its constant is accurate to single precision only{tail}"
             )

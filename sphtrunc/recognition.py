@@ -24,9 +24,10 @@ from sphtrunc.kernel import Kernel
 from sphtrunc.reconstruction import fixed, magnitudes, reconstruct, values
 from sphtrunc.samples import DOUBLE, SINGLE, Samples, node_spacing
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 GRID = np.linspace(0, 0.75, 61)  # in units of the support: where shapes are told apart
+TINY = {DOUBLE: 2.0**-1022, SINGLE: 2.0**-148}  # values that underflow lose digits
 MOST_ERROR = 1e-2  # relative, of the amplitude: a bound wider than that agrees with anything
 ALIKE = 0.03  # how far apart two profiles may be for a full comparison
 
@@ -306,13 +307,12 @@ def _fit_support(
         points = fixed(x, ratio)
         shape = values(kernel.knots, kernel.pieces, points)
         slope = values(kernel.knots, pieces, points)
-        top = float(shape[0])
         amplitude = float(y @ shape / (shape @ shape))
         noise = (
             unit * rounding(kernel, x / float(ratio), shape, slope, expanded) * abs(amplitude)
             + error[inside]
             + _interpolation(kernel, amplitude, float(ratio), spacing)
-            + 1e-300 * abs(top)
+            + TINY[unit]
         )
         rows = np.stack([shape / noise, -amplitude * slope * (x / float(ratio)) / noise], axis=1)
         orthogonal, triangle = np.linalg.qr(rows)
@@ -359,11 +359,11 @@ def compare(
     guess = abs(float(y @ shape / (shape @ shape)))
     noise = guess * unit * rounding(kernel, own, shape, slope, expanded)
     noise += guess * np.abs(slope * own) * support_error + samples.error[inside]
-    noise += _interpolation(kernel, guess, float(ratio), spacing) + 1e-300
+    noise += _interpolation(kernel, guess, float(ratio), spacing) + TINY[unit]
     weight = shape / noise
-    amplitude = float((weight @ (y / noise)) / (weight @ weight))
-    error = float(np.sum(np.abs(weight)) / (weight @ weight)) / abs(amplitude or 1.0)
-    error = min(error + len(q) * DOUBLE, 1.0)
+    norm = math.fsum(weight * weight)
+    amplitude = math.fsum(weight * (y / noise)) / norm
+    error = float(np.sum(np.abs(weight))) / norm / abs(amplitude or 1.0) + 8 * DOUBLE
     away = np.ones(len(q), dtype=bool)
     for knot in kernel.knots[1:]:
         where = float(knot) * float(ratio)

@@ -19,8 +19,8 @@ from sympy import QQ, Poly, Rational
 from sphtrunc.constants import significance, simplest_between
 from sphtrunc.kernel import Kernel, q
 
-Array = NDArray[np.float64]
-Wide = NDArray[np.longdouble]
+Array = NDArray[np.floating[Any]]
+Wide = NDArray[np.floating[Any]]  # np.longdouble
 
 BITS = 256  # of the fixed-point numbers in which exact polynomials are evaluated
 DEGREES = (3, 5, 8, 12)  # tried in turn: with the right one there are few segments
@@ -177,10 +177,12 @@ def _pieces(
 def _near(piece: Poly, u: Array, y: Array, size: float, unit: float) -> NDArray[np.bool_]:
     """Where size · piece(u) is y within the rounding bound."""
     if piece.is_zero:
-        return y == 0
+        zero: NDArray[np.bool_] = np.equal(y, 0)
+        return zero
     alone = Kernel([0, 1], [piece])
     model = size * values(alone.knots, alone.pieces, fixed(u))
-    return np.abs(y - model) <= 2 * abs(size) * bound(alone, u, unit)
+    near: NDArray[np.bool_] = np.abs(y - model) <= 2 * abs(size) * bound(alone, u, unit)
+    return near
 
 
 def _longest(u: Array, y: Array, tolerance: Array, degree: int, start: int) -> int | None:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Function = Callable[[Array, float], Array]  # (q, h) -> h^d W, in float64
 
 MAX_FILE = 1 << 24  # bytes of a table
