@@ -112,10 +112,8 @@ class _Scaled:
 
     def __init__(self, a: Array, health: Health) -> None:
         size = np.abs(a)
-        row = size.max(axis=2)
-        row = 1.0 / np.where(row > 0.0, row, 1.0)
-        column = (size * row[:, :, None]).max(axis=1)
-        column = 1.0 / np.where(column > 0.0, column, 1.0)
+        row = _inverse_size(size.max(axis=2))
+        column = _inverse_size((size * row[:, :, None]).max(axis=1))
         scaled = a * row[:, :, None] * column[:, None, :]
         u, values, v = np.linalg.svd(scaled)
         least = values[:, -1]
@@ -135,6 +133,11 @@ class _Scaled:
     def inverse(self) -> Array:
         """(T, n, n)."""
         return np.asarray(self.right @ (self.left / self.values[:, :, None]))
+
+
+def _inverse_size(x: Array) -> Array:
+    """1/x, or 0 where there is next to nothing."""
+    return np.asarray(np.where(x > 1e-290, 1.0 / np.maximum(x, 1e-290), 0.0))
 
 
 def _stacked(rows: Any) -> Array:

@@ -104,23 +104,24 @@ class Measurement:
         flagged."""
         if self.errors is None or not self.errors.shape[1]:
             return None
-        square = (self.errors**2).sum(axis=0)
-        length = np.sqrt(square)
+        size = float(np.abs(self.errors).max()) or 1.0  # squares must not overflow
+        square = ((self.errors / size) ** 2).sum(axis=0)
+        length = size * np.sqrt(square)
         result: dict[str, Any] = {}
-        result["rms"], result["rms_ci95"] = self._rms(square)
+        result["rms"], result["rms_ci95"] = self._rms(square, size)
         result["max"] = float(length.max())
         ordered = np.sort(length)
         for name, p in (("p50", 0.5), ("p99", 0.99)):
             result[name], result[f"{name}_ci95"] = self._percentile(ordered, p)
-        result["components"] = [self._rms(e**2)[0] for e in self.errors]
+        result["components"] = [self._rms((e / size) ** 2, size)[0] for e in self.errors]
         return result
 
-    def _rms(self, square: Array) -> tuple[float, list[float]]:
+    def _rms(self, square: Array, size: float) -> tuple[float, list[float]]:
         mean = float(square.mean())
-        if self.exact_statistics:
-            return sqrt(mean), [sqrt(mean), sqrt(mean)]
         spread = SIGMAS * float(square.std()) / sqrt(square.size)
-        return sqrt(mean), [sqrt(max(mean - spread, 0.0)), sqrt(mean + spread)]
+        spread = 0.0 if self.exact_statistics else spread
+        ends = [size * sqrt(max(mean - spread, 0.0)), size * sqrt(mean + spread)]
+        return size * sqrt(mean), ends
 
     def _percentile(self, ordered: Array, p: float) -> tuple[float, list[float]]:
         """Order statistics; the interval from the binomial distribution of their ranks."""
@@ -317,6 +318,11 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         sizes = [float(b.max()) for b in every if b.size]
         worst = max(sizes, default=0.0)
         worst = worst if np.isfinite(worst) else None
+    for figures in (errors, *moments.values()):
+        if figures is not None and not np.all(np.isfinite(figures)):
+            raise ValueError(
+                "scene: a sum is beyond the range of floats; expected volumes of about h^d"
+            )
     bad = np.flatnonzero(~fit)
     corrected = task.operator.correction != "none" or task.operator.form == "fatehi-manzari"
     bounds = sum(0 if b is None else b.size for b in [bound, *(moment_bound or {}).values()])

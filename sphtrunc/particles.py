@@ -152,8 +152,10 @@ class Particles:
         with np.errstate(over="ignore"):
             for _ in range(self.dim):
                 v = v / h
-        if not np.all(np.isfinite(v)):
-            raise ValueError("volume: V/h^d is beyond the range of floats; expected other units")
+        if not np.all(v < 1e100):
+            raise ValueError(
+                f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
+            )
         if extended and (stretch is not None or self.volume == "summation"):
             raise ValueError(
                 "precision: extended needs mode gather or one h, and volumes that are not summed"
