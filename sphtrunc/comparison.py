@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import factorial, prod, sqrt
 from typing import Any
 
@@ -200,3 +200,56 @@ def _of_derivatives(
     total = sqrt(whole**2 + disorder**2 + rounding**2)
     parts = (total, abs(smooth), abs(whole - smooth), disorder, rounding)
     return Split(*(part / scale for part in parts))
+
+
+def beside(
+    measured: Measurement, scene: Scene, kernel: Kernel | str, operator: Operator, field: Any = None
+) -> dict[str, Any]:
+    """The prediction of every figure of a measurement, and their ratios, ready for JSON.
+
+    "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread);
+    "error": the parts of the rms error and its ratio, for a sinusoid along the first axis; "how";
+    or only "none": why there is no theory.
+    """
+    try:
+        degree = max((sum(a) for a in measured.moments.values), default=0)
+        result: dict[str, Any] = {}
+        if measured.moments.values:
+            found = predict_moments(scene, kernel, operator, degree)
+            result = {"how": found.how, "moments": {}}
+            for alpha, values in measured.moments.values.items():
+                std = found.std[alpha]
+                ratio = float(values.std()) / std if std and values.size > 1 else None
+                row = {"mean": found.mean[alpha], "std": std, "std_ratio": ratio}
+                result["moments"][label(alpha)] = row
+        if isinstance(field, Sinusoid):
+            split = predict_error(kernel, operator, scene, field)
+            error = measured.error
+            ratio = error["rms"] / split.total if error and split.total else None
+            result["error"] = {**asdict(split), "ratio": ratio}
+    except ValueError as reason:
+        return {"none": str(reason)}
+    return result
+
+
+def beside_text(prediction: Mapping[str, Any]) -> str:
+    """The same for reading, at most 100 columns."""
+    if "none" in prediction:
+        return f"No prediction: {prediction['none']}"
+    lines = []
+    error = prediction.get("error")
+    if error is not None:
+        ratio = "" if error["ratio"] is None else f"; measured/predicted {error['ratio']:.4f}"
+        lines.append(f"Predicted rms error {error['total']:.6e}{ratio}")
+        parts = ("smoothing", "discretisation", "disorder", "rounding")
+        lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
+    rows = prediction.get("moments")
+    if rows:
+        lines.append(f"Predicted moments ({prediction['how']})")
+        lines.append("                        mean               std    measured/predicted std")
+        for name, row in rows.items():
+            ratio = "" if row["std_ratio"] is None else f"{row['std_ratio']:>22.4f}"
+            lines.append(
+                f"  M({name})".ljust(14) + f"{row['mean']:>20.13e}  {row['std']:>12.6e}{ratio}"
+            )
+    return "\n".join(lines)

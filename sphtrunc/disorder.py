@@ -96,7 +96,8 @@ def predict(
         for alpha in mean:
             if any(alpha) or not operator.uses_difference:
                 rows = moment_rows(part, alpha)
-                mean[alpha] += mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+                if values[alpha] != 0 or any(offset):  # else zero by symmetry, and stays it
+                    mean[alpha] += mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
                 variance[alpha] *= finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim) ** 2
     elif size[0] * dim <= SECOND_ORDER:
         how = "second-order propagation through the lattice"

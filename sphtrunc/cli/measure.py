@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable
@@ -92,6 +93,7 @@ _FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in
 )
 @click.option("--bound", is_flag=True, help="Bound the rounding error rigorously.")
 @click.option("--workers", type=int, help="Threads; results do not depend on it.")
+@click.option("--no-predict", is_flag=True, help="Leave out what theory predicts.")
 @options.formats("text", "json", "csv")
 @options.output
 def command(**given: Any) -> int:
@@ -106,11 +108,12 @@ def command(**given: Any) -> int:
     from sphtrunc.experiment import measure
 
     scene, values = _scene(given)
+    field = _field(given, scene.dim, values)
     result = measure(
         scene,
         given["kernel"],
         given["operator"],
-        _field(given, scene.dim, values),
+        field,
         form=given["form"],
         correction=given["correction"],
         moments=given["moments"],
@@ -123,8 +126,24 @@ def command(**given: Any) -> int:
         progress=_bar(),
     )
     render = {"text": result.to_text, "json": result.to_json, "csv": result.to_csv}
-    emit(render[given["format_"]](), given["output"])
+    text = render[given["format_"]]()
+    if not given["no_predict"] and given["format_"] != "csv":
+        text = _predicted(given, result, scene, field, text)
+    emit(text, given["output"])
     return 130 if result.interrupted else 0
+
+
+def _predicted(given: dict[str, Any], result: Any, scene: Any, field: Any, text: str) -> str:
+    """The rendered measurement with its prediction."""
+    from sphtrunc.comparison import beside, beside_text
+    from sphtrunc.operators import Operator
+
+    operator = Operator(given["operator"], given["form"], given["correction"])
+    found = beside(result, scene, given["kernel"], operator, field)
+    if given["format_"] == "text":
+        return f"{text}\n{beside_text(found)}"
+    data = {**json.loads(text), "predicted": found}
+    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
