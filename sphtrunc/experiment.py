@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -320,16 +321,21 @@ def measure(
     size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
     blocks: list[Block] = []
     interrupted = False
-    with ThreadPoolExecutor(_threads(workers, precision)) as pool:
+    threads = _threads(workers, precision)
+    ahead = 2 * threads  # blocks under way, so that memory does not grow with their number
+    with ThreadPoolExecutor(threads) as pool:
 
         def run(batch: Indices, expected: int) -> None:
             done = sum(block.target.size for block in blocks)
-            chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
-            for block in pool.map(task.run, chunks):
-                blocks.append(block)
-                done += block.target.size
-                if progress is not None:
-                    progress(done, expected)
+            waiting: deque[Future[Block]] = deque()
+            for first in range(0, batch.size + ahead * size, size):
+                if first < batch.size:
+                    waiting.append(pool.submit(task.run, batch[first : first + size]))
+                if waiting and (len(waiting) > ahead or first >= batch.size):
+                    blocks.append(waiting.popleft().result())
+                    done += blocks[-1].target.size
+                    if progress is not None:
+                        progress(done, expected)
 
         try:
             if rtol is None:
