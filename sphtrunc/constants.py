@@ -273,8 +273,12 @@ def identify(text: str, most: int = 12) -> Identification:
             ratio = value / number(exact)
             match = bool(abs(ratio - 1) <= max(error, 1e-40))
             near = float(abs(ratio - 1))
-        simple = (form or read.value) / exact if read.error == 0 or form is not None else None
-        found = Integer(1) if match else _rational_times_pi(simple) or recognise(ratio, error)
+        exactly = read.value if error == 0 else form
+        found = Integer(1) if match else None
+        if found is None and exactly is not None:
+            found = _rational_times_pi(exactly / exact)
+        elif found is None:
+            found = recognise(ratio, error)
         height = _height(found)
         if match or height <= 64 or (near < 0.05 and height <= 10**6) or near < 1e-3:
             shown = float(ratio) if found is None else found
