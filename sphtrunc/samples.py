@@ -326,14 +326,18 @@ def _read_csv(file: Path) -> dict[str, tuple[Array, Array]]:
                     f"table {file}: line {number}, column {name!r}: {text[:20]!r} is not a number"
                 ) from None
             columns[name][1].append(_last_digit(text))
-    return {name: (np.array(v), np.array(e)) for name, (v, e) in columns.items()}
+    # a column with all the digits of doubles somewhere has them everywhere: 0.25 is then exact
+    return {
+        name: (np.array(v), np.array(e) * (0.0 if 0.0 in e else 1.0))
+        for name, (v, e) in columns.items()
+    }
 
 
 def _last_digit(text: str) -> float:
     """Half a unit of the last digit of a decimal; 0 where it has the digits of a double."""
     mantissa, _, exponent = text.strip().lower().partition("e")
     digits = mantissa.lstrip("+-").replace(".", "").lstrip("0")
-    if len(digits) >= 15 or not digits:
+    if len(digits) >= 15:
         return 0.0
     decimals = len(mantissa.partition(".")[2])
     # a short decimal such as 0.5 may be exact or rounded: it is allowed to be either
