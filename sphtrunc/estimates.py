@@ -106,17 +106,16 @@ def estimates(
         health = Health()
         base = {key: row[part] for key, row in sums.base.items()}
         weighted = {key: rows[:, part] for key, rows in sums.fields.items()}
-        with np.errstate(all="ignore"):
-            found = operator.coefficients(base, dim, partial(solve, health=health))
-            for c, row in enumerate(found):
-                for f in range(count):
-                    out[f, c, part] = sum(x * weighted[key][f] for key, x in row.items())
-                    if density is not None:
-                        own, a = density[index[part]], values[f, index[part]]
-                        back = sum(x * weighted[key][-1] for key, x in row.items())
-                        out[f, c, part] = own * out[f, c, part] + a * back
-            for alpha, into in moments.items():
-                into[part] = combine(found[0], base, alpha)
+        found = operator.coefficients(base, dim, partial(solve, health=health))
+        for c, row in enumerate(found):
+            for f in range(count):
+                out[f, c, part] = sum(x * weighted[key][f] for key, x in row.items())
+                if density is not None:
+                    own, a = density[index[part]], values[f, index[part]]
+                    back = sum(x * weighted[key][-1] for key, x in row.items())
+                    out[f, c, part] = own * out[f, c, part] + a * back
+        for alpha, into in moments.items():
+            into[part] = combine(found[0], base, alpha)
         condition[part] = health.condition
 
     with ThreadPoolExecutor(threads(workers)) as pool:
@@ -145,9 +144,10 @@ def solve(
     if n > 3:
         return Plain().solve(matrix, columns, health)  # type: ignore[no-any-return]
     a = [[np.asarray(x) for x in row] for row in matrix]
-    inverse, size = _inverse(a)
-    norm = sum(x * x for row in a for x in row)
-    condition = np.sqrt(norm * size)  # Frobenius: between the condition and n times it
+    with np.errstate(all="ignore"):
+        inverse, size = _inverse(a)
+        norm = sum(x * x for row in a for x in row)
+        condition = np.sqrt(norm * size)  # Frobenius: between the condition and n times it
     bad = np.flatnonzero(~(condition <= _SAFE))
     health.condition = np.maximum(health.condition, np.where(condition <= _SAFE, condition, 0.0))
     result = [
@@ -226,8 +226,7 @@ def weights(
     sums = pair_sums(scene, kernel, keys, targets=targets, workers=workers)
     index = np.arange(scene.population)[sums.targets]
     health = Health()
-    with np.errstate(all="ignore"):
-        part = operator.coefficients(sums.base, scene.dim, partial(solve, health=health))[axis]
+    part = operator.coefficients(sums.base, scene.dim, partial(solve, health=health))[axis]
     condition = np.broadcast_to(health.condition, index.shape)
     bad = np.flatnonzero(~(condition <= MOST_CONDITION))
     if bad.size:

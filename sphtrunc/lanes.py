@@ -122,6 +122,9 @@ class Lanes:
     def __truediv__(self, other: Any) -> Lanes:
         return self._op("fdiv", other)  # type: ignore[no-any-return]
 
+    def __neg__(self) -> Lanes:
+        return Lanes(self.builder, self.builder.fneg(self.value), self.wide)
+
     def strictly(self, name: str, other: Any) -> Lanes:
         """The operation, never fused with another."""
         return self._op(name, other, flags=())  # type: ignore[no-any-return]
@@ -133,7 +136,7 @@ class LaneNumbers:
     def __init__(self, builder: Any) -> None:
         self.builder = builder
 
-    def constant(self, c: float) -> Lanes:
+    def constant(self, c: float, error: float = 0.0) -> Lanes:
         return Lanes(self.builder, ir.Constant(_DOUBLE, float(c)), False)
 
     def _lanes(self, x: Any) -> Lanes:
@@ -146,6 +149,18 @@ class LaneNumbers:
             self.builder.module, kind, f"llvm.{name}.v{WIDTH}f64"
         )
         return Lanes(self.builder, self.builder.call(function, values), True)
+
+    def difference(self, a: Lanes, b: Lanes) -> Lanes:
+        return a - b
+
+    def scale(self, x: Any) -> Lanes:
+        """The power of two at or below |x|, 0 for denormal numbers."""
+        words = ir.VectorType(ir.IntType(64), WIDTH)
+        mask = ir.Constant(words, [0x7FF0000000000000] * WIDTH)
+        bits = self.builder.bitcast(self._lanes(x).spread(), words)
+        return Lanes(
+            self.builder, self.builder.bitcast(self.builder.and_(bits, mask), _VECTOR), True
+        )
 
     def sqrt(self, x: Any) -> Lanes:
         return self._call("sqrt", x)
@@ -330,7 +345,7 @@ def _added(plan: Plan, number: Any, held: list[Any], target: list[Any], source: 
         rest.append(held[n + i].strictly("fadd", lost))
     if plan.bound:
         for i, term in enumerate(terms):
-            more = term.error if plan.compensated else term.error + number.size(sums[i]) * UNIT
+            more = term.error if plan.compensated else term.error + number.scale(sums[i]) * UNIT
             rest.append(held[len(held) - n + i] + more)
     return sums + rest
 

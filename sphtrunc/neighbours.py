@@ -23,8 +23,16 @@ _PAIRS = 1 << 15  # of one block
 class ArrayNumbers:
     """The functions of the pair formula for NumPy arrays."""
 
-    def constant(self, c: float) -> float:
+    def constant(self, c: float, error: float = 0.0) -> float:
         return c
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return a - b
+
+    def scale(self, x: Any) -> Any:
+        """The power of two at or below |x|, 0 for denormal numbers."""
+        bits = np.asarray(x, dtype=np.float64).view(np.int64) & 0x7FF0000000000000
+        return bits.view(np.float64)
 
     def sqrt(self, x: Array) -> Array:
         return np.asarray(np.sqrt(x))

@@ -168,7 +168,7 @@ def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) ->
         target = [Bounded(number, x, 0.0) for x in target]
         source = [Bounded(number, x, 0.0) for x in source]
         for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
-            per_h.error = number.size(per_h.value) * UNIT  # 1/h is rounded, what was given is not
+            per_h.error = number.scale(per_h.value) * UNIT  # 1/h is rounded, what was given is not
         number = BoundedNumbers(number)
     a = Ends(target[:d], target[d:places], None, target[places + 1 :], target[places])
     b = Ends(source[:d], source[d:places], source[places], source[places + 1 :], source[-1])
@@ -179,7 +179,7 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
     """V_b f_k(q) s^β A_b for every term of the plan."""
     s = []
     for i in range(plan.dim):
-        d = source.x[i] - target.x[i]
+        d = number.difference(source.x[i], target.x[i])
         if plan.low:
             d = d + (source.low[i] - target.low[i])
         s.append(d * target.per_h)
@@ -253,11 +253,11 @@ def _piece(number: Any, piece: Piece, x: Any, squares: Any) -> Any:
         if piece.vanishes:
             t = number.positive(t)
     value: Any = None
-    for c in reversed(piece.coefficients):
+    for c, error in reversed(list(zip(piece.coefficients, piece.errors, strict=True))):
         if value is None:
-            value = number.constant(c)
+            value = number.constant(c, error)
         else:
-            value = value * t + number.constant(c) if c else value * t
+            value = value * t + number.constant(c, error) if c else value * t
     value = number.constant(0.0) if value is None else value
     if piece.power:
         value = value * power(t, piece.power)
@@ -282,7 +282,11 @@ def power(t: Any, n: int) -> Any:
 
 
 class Bounded:
-    """A number with a bound of its error: |value − truth| <= error. Works on any numbers."""
+    """A number with a bound of its error: |value − truth| <= error. Works on any numbers.
+
+    A rounding costs at most u times the power of two below the result. The errors themselves are
+    rounded; whoever reads them out adds a little.
+    """
 
     __slots__ = ("error", "number", "value")
 
@@ -292,31 +296,28 @@ class Bounded:
     def _other(self, other: Any) -> Bounded:
         return other if isinstance(other, Bounded) else Bounded(self.number, other, 0.0)
 
-    def _made(self, value: Any, error: Any) -> Bounded:
-        return Bounded(self.number, value, error + self.number.size(value) * UNIT)
-
     def __add__(self, other: Any) -> Bounded:
         other = self._other(other)
-        return self._made(self.value + other.value, self.error + other.error)
+        value = self.value + other.value
+        error = self.error + other.error
+        return Bounded(self.number, value, error + self.number.scale(value) * UNIT)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Bounded:
-        other = self._other(other)
-        return self._made(self.value - other.value, self.error + other.error)
+        return self + -self._other(other)
 
     def __rsub__(self, other: Any) -> Bounded:
         return self._other(other) - self
 
+    def __neg__(self) -> Bounded:
+        return Bounded(self.number, -self.value, self.error)
+
     def __mul__(self, other: Any) -> Bounded:
-        other = self._other(other)
-        size, n = self.number.size, self.number
-        error = (size(self.value) + self.error) * other.error + self.error * size(other.value)
-        return Bounded(
-            n,
-            self.value * other.value,
-            error + (n.size(self.value * other.value) * UNIT + TINY),
-        )
+        other, n = self._other(other), self.number
+        value = self.value * other.value
+        error = (n.size(self.value) + self.error) * other.error + self.error * n.size(other.value)
+        return Bounded(n, value, error + (n.scale(value) * UNIT + TINY))
 
     __rmul__ = __mul__
 
@@ -325,10 +326,7 @@ class Bounded:
         value = self.value / other.value
         room = n.positive(n.size(other.value) - other.error)
         error = (self.error + n.size(value) * other.error) / room
-        return Bounded(n, value, error + (n.size(value) * UNIT + TINY))
-
-    def __neg__(self) -> Bounded:
-        return Bounded(self.number, -self.value, self.error)
+        return Bounded(n, value, error + (n.scale(value) * UNIT + TINY))
 
 
 class BoundedNumbers:
@@ -337,17 +335,26 @@ class BoundedNumbers:
     def __init__(self, number: Any) -> None:
         self.plain = number
 
-    def constant(self, c: float) -> Bounded:
-        return Bounded(self.plain, self.plain.constant(c), UNIT * abs(c))
+    def constant(self, c: float, error: float = 0.0) -> Bounded:
+        return Bounded(self.plain, self.plain.constant(c), error)
+
+    def difference(self, a: Bounded, b: Bounded) -> Bounded:
+        """a − b of numbers without error, and exactly what rounding took off (Knuth 1969)."""
+        d = a.value - b.value
+        back = a.value - d
+        rest = (a.value - (d + back)) + (back - b.value)
+        return Bounded(self.plain, d, self.plain.size(rest))
 
     def sqrt(self, x: Bounded) -> Bounded:
         n = self.plain
         root = n.sqrt(x.value)
         error = n.smaller(x.error / n.larger(root, TINY), n.sqrt(x.error))
-        return Bounded(n, root, error + root * UNIT)
+        return Bounded(n, root, error + n.scale(root) * UNIT)
 
     def positive(self, x: Bounded) -> Bounded:
-        return Bounded(self.plain, self.plain.positive(x.value), x.error)
+        n = self.plain
+        error = n.pick(x.value + x.error, 0.0, 0.0, x.error, None)
+        return Bounded(n, n.positive(x.value), error)
 
     def others(self, squares: Bounded, x: Bounded) -> Bounded:
         """x, or 0 at s = 0."""

@@ -30,6 +30,7 @@ VALUE, SLOPE, CURVATURE, STEEP = 0, 1, 2, 3  # k of f_k
 class Piece:
     """p(x)/x^pole up to x = end, with p = t^power Σ_i coefficients[i] t^i.
 
+    errors: bounds of what rounding took off the coefficients;
     t = centre − x (as the sum of two floats), or x itself where the centre is 0. `vanishes`: the
     factor is continuous and zero from `end` on, and p vanishes there, so that t need only be cut.
     mean: the value at x = end where the factor jumps there and `end` is a float, else None.
@@ -40,6 +41,7 @@ class Piece:
     centre_low: float
     power: int
     coefficients: tuple[float, ...]
+    errors: tuple[float, ...]
     pole: int
     vanishes: bool
     mean: float | None
@@ -80,13 +82,15 @@ def radial(kernel: Kernel, dim: int, k: int) -> Radial:
             if jump and Rational(*float(b).as_integer_ratio()) == b:
                 mean = float(sigma * _mp((here + outer[0].eval(b) / b ** outer[1]) / 2))
             high = float(centre)
+            wide = [sigma * _mp(c) for c in local]
             pieces.append(
                 Piece(
                     end=float(b),
                     centre=high,
                     centre_low=float(centre - Rational(*high.as_integer_ratio())),
                     power=power,
-                    coefficients=tuple(float(sigma * _mp(c)) for c in local),
+                    coefficients=tuple(float(c) for c in wide),
+                    errors=tuple(float(abs(c - float(c)) * (1 + mp.mpf(2) ** -40)) for c in wide),
                     pole=pole,
                     vanishes=last and centre == b and power > 0,
                     mean=mean,
