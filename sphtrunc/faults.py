@@ -102,15 +102,11 @@ def _normalisations(match: Match) -> dict[int, Any]:
     """σ_d of the shape as written in the author's h, for every dimension."""
     shape = match.shape
     if isinstance(shape, Analytic):
-        return {d: shape.normalisation(d) * _exact(match.scale) ** d for d in (1, 2, 3)}
+        return {d: shape.normalisation(d) * exact_or_float(match.scale) ** d for d in (1, 2, 3)}
     return {
         d: shape.normalisation(d) * (shape.support / exact_or_float(match.support)) ** d
         for d in (1, 2, 3)
     }
-
-
-def _exact(value: float) -> Any:
-    return exact_or_float(value)
 
 
 def _misprinted(kernel: Kernel, dim: int) -> Iterator[tuple[str, str, Any]]:
@@ -402,7 +398,7 @@ def explain_derivative(match: Match, samples: Samples, dim: int) -> Fault | None
                 f"dW is the derivative of {name}, not of {match.name}"
                 f" (largest difference {np.max(np.abs(dw - right)):.3g})",
             )
-    return _shifted(match, samples, x, dw, extra) or _termwise(match, samples, x, dw, right)
+    return _shifted(match, x, dw, extra) or _termwise(match, x, dw, right)
 
 
 def _constant_ratio(dw: Array, right: Array, noise: Array, extra: Array) -> float | None:
@@ -454,7 +450,7 @@ def _other_slopes(match: Match) -> Iterator[tuple[str, Kernel | Analytic, float]
             yield shape.name, shape, 1.0 if shape.name == "gaussian" else 1 / match.support
 
 
-def _shifted(match: Match, samples: Samples, x: Array, dw: Array, extra: Array) -> Fault | None:
+def _shifted(match: Match, x: Array, dw: Array, extra: Array) -> Fault | None:
     """The derivative of the same kernel for another meaning of h."""
     if not isinstance(match.shape, Kernel):
         return None
@@ -477,7 +473,7 @@ def _shifted(match: Match, samples: Samples, x: Array, dw: Array, extra: Array) 
     return None
 
 
-def _termwise(match: Match, samples: Samples, x: Array, dw: Array, right: Array) -> Fault:
+def _termwise(match: Match, x: Array, dw: Array, right: Array) -> Fault:
     """Which terms of the derivative are wrong, if it is a piecewise polynomial at all."""
     worst = int(np.argmax(np.abs(dw - right)))
     where = f"largest at q = {x[worst]:.4g}: {dw[worst]:.6g} where W′ is {right[worst]:.6g}"
