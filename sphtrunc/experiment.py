@@ -16,15 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import (
-    FINER,
-    PRECISIONS,
-    SLACK,
-    Bounded,
-    Extended,
-    Health,
-    arithmetic,
-)
+from sphtrunc.arithmetic import PRECISIONS, Health, arithmetic
+from sphtrunc.bounded import FINER, SLACK, Bounded
+from sphtrunc.digits import DIGITS, Extended
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
@@ -196,8 +190,10 @@ def _nearer(bounded: Block, fine: Block) -> Block:
             bounded.estimate_bound,
         ),
         moment_bound={
-            a: bound(m, fine.moments[a], fine.moment_bound[a], bounded.moment_bound[a])
-            for a, m in bounded.moments.items()
+            a: bound(m, fine.moments[a], (fine.moment_bound or {})[a], radius)
+            for (a, radius), m in zip(
+                (bounded.moment_bound or {}).items(), bounded.moments.values(), strict=True
+            )
         },
     )
 
@@ -209,8 +205,6 @@ def _wide(values: Array, size: int) -> Array:
 def _exactly(task: Task, target: Indices) -> Block:
     """One target after the other in 60 digits."""
     from mpmath import workdps
-
-    from sphtrunc.arithmetic import DIGITS
 
     if any(isinstance(one, (Bump, Values)) for one in task.fields):
         raise ValueError("precision: exact needs a sinusoid or a polynomial as the field")
@@ -318,7 +312,6 @@ def measure(
     if precision not in PRECISIONS or bound:
         arithmetic(precision, bound)
     task = Task(scene, kernel, operator, fields, degree, seed, precision, bound, rtol)
-    size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
     blocks: list[Block] = []
     interrupted = False
     threads = _threads(workers, precision)
@@ -326,6 +319,7 @@ def measure(
     with ThreadPoolExecutor(threads) as pool:
 
         def run(batch: Indices, expected: int) -> None:
+            size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
             done = sum(block.target.size for block in blocks)
             waiting: deque[Future[Block]] = deque()
             for first in range(0, batch.size + ahead * size, size):

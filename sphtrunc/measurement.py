@@ -43,7 +43,7 @@ class Block:
     errors: Array | None
     moments: Mapping[MultiIndex, Array]
     estimate_bound: Array | None
-    moment_bound: Mapping[MultiIndex, Array]
+    moment_bound: Mapping[MultiIndex, Array] | None
     pairs: Indices
     neighbours: Indices
     condition: Array
@@ -310,7 +310,8 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
     moment_bound = None
     if task.bound:
         moment_bound = {
-            a: np.concatenate([b.moment_bound[a] for b in blocks])[fit] for a in moments
+            a: np.concatenate([b.moment_bound[a] for b in blocks if b.moment_bound])[fit]
+            for a in moments
         }
     worst = None
     if task.bound:

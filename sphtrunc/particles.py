@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.scene import Indices, Neighbourhood, _fraction, fractions
+from sphtrunc.neighbourhood import EDGE, Indices, Neighbourhood, fraction, fractions
 from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, total, two_sum
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
 
 MODES = ("gather", "scatter", "mean")
-_EDGE = 1.0 + 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +94,7 @@ class Particles:
             h = 0.5 * (h + self.h.max())
         # the search squares: what is left out by its rounding has to be added
         spread = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
-        radius = support * h * _EDGE + 4.0 * UNIT * spread
+        radius = support * h * EDGE + 4.0 * UNIT * spread
         found: list[list[int]] = list(
             self._tree().query_ball_point(
                 self._wrapped(self.x[:, target]), radius * self._unit, return_sorted=True
@@ -236,7 +235,7 @@ class Particles:
         offset = offset / fractions(h[None])[0]
         v = self.given if self.given is not None else self._cells()
         volume = fractions(v[near]) / fractions(h[None])[0] ** self.dim
-        inside = (offset * offset).sum(axis=0) <= _fraction(kernel.support) ** 2
+        inside = (offset * offset).sum(axis=0) <= fraction(kernel.support) ** 2
         return offset[:, inside], volume[inside]
 
 

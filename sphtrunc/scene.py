@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from sphtrunc import jitter
 from sphtrunc.lattice import DEFAULT, KINDS, sites, units
+from sphtrunc.neighbourhood import EDGE, assemble, fraction, fractions, summed
+from sphtrunc.neighbourhood import Indices as Indices
+from sphtrunc.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.summation import (
-    UNIT,
     Array,
     dd_add,
     dd_from_ratio,
     dd_mul,
-    dd_neg,
-    total,
     two_sum,
 )
 
@@ -34,38 +34,10 @@ if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
     from sphtrunc.particles import Particles
 
-Indices: TypeAlias = NDArray[np.int64]
 Scene: TypeAlias = "Lattice | Jittered | Graded | Particles"
 
 VOLUMES = ("constant", "cell", "summation")
 MOST_INDICES = 2**20  # along one axis, see jitter.BITS
-_EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
-
-
-@dataclass(frozen=True, kw_only=True)
-class Neighbourhood:
-    """The neighbours of a block of T targets, padded to N rows; d dimensions.
-
-    offset: (d, N, T) s = (x_b − x_a)/h; rows of padding lie outside the support
-    volume: V_b/h^d, broadcasts to (N, T)
-    target: (T,) which targets these are
-    particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
-    stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
-    h: smoothing length of the target, (T,) or 1
-    offset_low, volume_low: what is to be added in double-double work, else None
-    offset_error, volume_error: bounds of the rounding errors, broadcast likewise, if asked for
-    """
-
-    offset: Array
-    volume: Array
-    target: Indices
-    particle: Indices | None = None
-    stretch: Array | None = None
-    h: Array | float = 1.0
-    offset_low: Array | None = None
-    volume_low: Array | None = None
-    offset_error: Array | None = None
-    volume_error: Array | None = None
 
 
 def exact(value: object, name: str) -> Fraction:
@@ -125,11 +97,11 @@ class Lattice:
         rest = None if low is None else low[:, :, None]
         volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
         hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
-        error: Array | None = np.abs(lo) * _EDGE
+        error: Array | None = np.abs(lo) * EDGE
         if self.volume == "summation":
             home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
             around, _ = _positions(home, _stencil(home, kernel), self.dx_over_h)
-            hi = _summed(np.zeros((self.dim, 1, 1)), around[:, :, None], kernel)
+            hi = summed(np.zeros((self.dim, 1, 1)), around[:, :, None], kernel)
             error = None
         return Neighbourhood(
             offset=s[:, :, None],
@@ -137,7 +109,7 @@ class Lattice:
             target=target,
             offset_low=rest if extended else None,
             volume_low=lo if extended else None,
-            offset_error=np.abs(rest) * _EDGE if errors and rest is not None else None,
+            offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
             volume_error=error if errors else None,
         )
 
@@ -181,7 +153,7 @@ class Jittered:
     @property
     def largest(self) -> float:
         """The largest displacement along one axis, in Δx."""
-        most = self.sigma * jitter.largest(self.distribution) * _EDGE
+        most = self.sigma * jitter.largest(self.distribution) * EDGE
         if self.distribution == "blue":
             most *= 2.0 / (1.0 + 1.0 / len(KINDS[self.lattice.kind].nearest)) ** 0.5
         return most
@@ -264,9 +236,9 @@ class Jittered:
                 low.append(rest)
             elif errors:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
-                error.append(gap * _EDGE + 2.0**-84 * np.abs(s))
+                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
         volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
-        return _assemble(self.volume, volume, offset, low, error, target, kernel)
+        return assemble(self.volume, volume, offset, low, error, target, kernel)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -281,7 +253,7 @@ class Jittered:
             offset = np.sort(offset, axis=1)
             volume = (offset[0, 2:] - offset[0, :-2]) / 2
             offset = offset[:, 1:-1]
-        near = (offset * offset).sum(axis=0) <= _fraction(kernel.support) ** 2
+        near = (offset * offset).sum(axis=0) <= fraction(kernel.support) ** 2
         return offset[:, near], volume[near]
 
 
@@ -352,7 +324,7 @@ class Graded:
                     )
         offset = np.stack(rows)[None]
         nothing = [np.zeros_like(offset[0])]
-        return _assemble(
+        return assemble(
             "cell",
             (0.0, 0.0),
             offset,
@@ -483,17 +455,6 @@ def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:
 # --------------------------------------------------------------------------------------- the parts
 
 
-def fractions(values: Array) -> NDArray[Any]:
-    """The floats as an array of Fractions."""
-    return np.array([Fraction(v) for v in values.ravel().tolist()], dtype=object).reshape(
-        values.shape
-    )
-
-
-def _fraction(value: Any) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
 def _whole(name: str, value: object, low: int, high: int) -> None:
     if (
         not isinstance(value, (int, np.integer))
@@ -523,7 +484,7 @@ def _any_inside(lattice: Lattice, m: Indices, kernel: Kernel) -> bool:
         return True
     position = _exact_positions(lattice, m) * lattice.dx_over_h
     square = (position * position).sum(axis=0)
-    return any(0 < r2 < _fraction(kernel.support) ** 2 for r2 in square)
+    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in square)
 
 
 @lru_cache(maxsize=16)
@@ -562,103 +523,3 @@ def _exact_positions(lattice: Lattice, m: Indices) -> NDArray[Any]:
         ],
         dtype=object,
     )
-
-
-def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:
-    """Move the rows that are near, (N, T), to the front, in their order, and cut the rest off.
-
-    Arrays are (N, T); padding is 0, or `far` in the array named "s0".
-    """
-    targets = near.shape[1]
-    rank = np.cumsum(near, axis=0, dtype=np.int32)
-    rows = int(rank[-1].max()) if rank.size else 0
-    kept = np.flatnonzero(near)
-    to = (rank.reshape(-1)[kept] - 1).astype(np.int64)
-    to *= targets
-    to += kept % targets
-    result = {}
-    for name, values in arrays.items():
-        out = np.full(rows * targets, far if name == "s0" else 0.0)
-        out[to] = values.reshape(-1)[kept]
-        result[name] = out.reshape(rows, targets)
-    return result
-
-
-def _assemble(
-    volume_rule: str,
-    constant: tuple[float, float],
-    offset: Array,
-    low: list[Array],
-    error: list[Array],
-    target: Indices,
-    kernel: Kernel,
-) -> Neighbourhood:
-    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count."""
-    dim, support = offset.shape[0], float(kernel.support)
-    arrays = {f"s{i}": s for i, s in enumerate(offset)}
-    arrays |= {f"low{i}": s for i, s in enumerate(low)} | {f"e{i}": s for i, s in enumerate(error)}
-    if volume_rule == "cell":
-        order = np.argsort(offset[0], axis=0, kind="stable")
-        arrays = {n: np.take_along_axis(a, order, axis=0) for n, a in arrays.items()}
-        arrays |= _cells(arrays)
-    distance = arrays["s0"] * arrays["s0"]
-    for i in range(1, dim):
-        distance += arrays[f"s{i}"] * arrays[f"s{i}"]
-    near = distance <= (support * _EDGE) ** 2
-    if volume_rule == "cell":
-        near[[0, -1]] = False  # no cell: it ends outside the candidates
-    kept = compact(near, arrays, 2.0 * support + 1.0)
-    volume = kept.get("volume", np.full((1, 1), constant[0]))
-    volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
-    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low) * _EDGE)
-    packed = np.stack([kept[f"s{i}"] for i in range(dim)])
-    if volume_rule == "summation":
-        wide = distance <= (2.0 * support * _EDGE) ** 2
-        around = compact(wide, arrays, 5.0 * support + 1.0)
-        volume = _summed(packed, np.stack([around[f"s{i}"] for i in range(dim)]), kernel)
-        volume_low, volume_error = np.zeros((1, 1)), None
-    return Neighbourhood(
-        offset=packed,
-        volume=volume,
-        target=target,
-        offset_low=np.stack([kept[f"low{i}"] for i in range(dim)]) if low else None,
-        volume_low=volume_low if low else None,
-        offset_error=np.stack([kept[f"e{i}"] for i in range(dim)]) if error else None,
-        volume_error=volume_error if error else None,
-    )
-
-
-def _cells(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Volumes of 1D particles in order, (N, T): half the distance between the two neighbours."""
-    s = arrays["s0"]
-    volume = np.zeros_like(s)
-    volume[1:-1] = 0.5 * (s[2:] - s[:-2])
-    result = {"volume": volume}
-    if "low0" in arrays:
-        low = arrays["low0"]
-        hi, lo = dd_add((s[2:], low[2:]), dd_neg((s[:-2], low[:-2])))
-        result["volume_low"] = np.zeros_like(s)
-        volume[1:-1], result["volume_low"][1:-1] = 0.5 * hi, 0.5 * lo
-    if "e0" in arrays:
-        error = arrays["e0"]
-        bound = np.zeros_like(s)
-        bound[1:-1] = 0.5 * (error[2:] + error[:-2])
-        result["volume_error"] = (bound + UNIT * volume) * (1.0 + 1e-9)
-    return result
-
-
-def _summed(offset: Array, around: Array, kernel: Kernel) -> Array:
-    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses.
-
-    offset: (d, N, T) of the particles b; around: (d, M, T) of every particle within reach of them.
-    """
-    dim, rows, targets = offset.shape
-    volume = np.empty((rows, targets))
-    for b in range(rows):
-        distance = np.zeros(around.shape[1:])
-        for axis in range(dim):
-            d = around[axis] - offset[axis, b]
-            distance += d * d
-        density = total(np.asarray(kernel.w(np.sqrt(distance), dim), dtype=np.float64))
-        volume[b] = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
-    return volume

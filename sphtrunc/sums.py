@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import Ball, Health, Pair
+from sphtrunc.arithmetic import Health
+from sphtrunc.bounded import Ball
+from sphtrunc.digits import Pair
 from sphtrunc.kernel import Kernel
 from sphtrunc.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator, combine

@@ -1,0 +1,156 @@
+"""The neighbours of a block of targets, as arrays, and the volumes that depend on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphtrunc.summation import UNIT, Array, dd_add, dd_neg, total
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+
+Indices: TypeAlias = NDArray[np.int64]
+
+EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbourhood:
+    """The neighbours of a block of T targets, padded to N rows; d dimensions.
+
+    offset: (d, N, T) s = (x_b − x_a)/h; rows of padding lie outside the support
+    volume: V_b/h^d, broadcasts to (N, T)
+    target: (T,) which targets these are
+    particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
+    stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
+    h: smoothing length of the target, (T,) or 1
+    offset_low, volume_low: what is to be added in double-double work, else None
+    offset_error, volume_error: bounds of the rounding errors, broadcast likewise, if asked for
+    """
+
+    offset: Array
+    volume: Array
+    target: Indices
+    particle: Indices | None = None
+    stretch: Array | None = None
+    h: Array | float = 1.0
+    offset_low: Array | None = None
+    volume_low: Array | None = None
+    offset_error: Array | None = None
+    volume_error: Array | None = None
+
+
+def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:
+    """Move the rows that are near, (N, T), to the front, in their order, and cut the rest off.
+
+    Arrays are (N, T); padding is 0, or `far` in the array named "s0".
+    """
+    targets = near.shape[1]
+    rank = np.cumsum(near, axis=0, dtype=np.int32)
+    rows = int(rank[-1].max()) if rank.size else 0
+    kept = np.flatnonzero(near)
+    to = (rank.reshape(-1)[kept] - 1).astype(np.int64)
+    to *= targets
+    to += kept % targets
+    result = {}
+    for name, values in arrays.items():
+        out = np.full(rows * targets, far if name == "s0" else 0.0)
+        out[to] = values.reshape(-1)[kept]
+        result[name] = out.reshape(rows, targets)
+    return result
+
+
+def assemble(
+    volume_rule: str,
+    constant: tuple[float, float],
+    offset: Array,
+    low: list[Array],
+    error: list[Array],
+    target: Indices,
+    kernel: Kernel,
+) -> Neighbourhood:
+    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count."""
+    dim, support = offset.shape[0], float(kernel.support)
+    arrays = {f"s{i}": s for i, s in enumerate(offset)}
+    arrays |= {f"low{i}": s for i, s in enumerate(low)} | {f"e{i}": s for i, s in enumerate(error)}
+    if volume_rule == "cell":
+        order = np.argsort(offset[0], axis=0, kind="stable")
+        arrays = {n: np.take_along_axis(a, order, axis=0) for n, a in arrays.items()}
+        arrays |= cells(arrays)
+    distance = arrays["s0"] * arrays["s0"]
+    for i in range(1, dim):
+        distance += arrays[f"s{i}"] * arrays[f"s{i}"]
+    near = distance <= (support * EDGE) ** 2
+    if volume_rule == "cell":
+        near[[0, -1]] = False  # no cell: it ends outside the candidates
+    kept = compact(near, arrays, 2.0 * support + 1.0)
+    volume = kept.get("volume", np.full((1, 1), constant[0]))
+    volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
+    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low) * EDGE)
+    packed = np.stack([kept[f"s{i}"] for i in range(dim)])
+    if volume_rule == "summation":
+        wide = distance <= (2.0 * support * EDGE) ** 2
+        around = compact(wide, arrays, 5.0 * support + 1.0)
+        volume = summed(packed, np.stack([around[f"s{i}"] for i in range(dim)]), kernel)
+        volume_low, volume_error = np.zeros((1, 1)), None
+    return Neighbourhood(
+        offset=packed,
+        volume=volume,
+        target=target,
+        offset_low=np.stack([kept[f"low{i}"] for i in range(dim)]) if low else None,
+        volume_low=volume_low if low else None,
+        offset_error=np.stack([kept[f"e{i}"] for i in range(dim)]) if error else None,
+        volume_error=volume_error if error else None,
+    )
+
+
+def cells(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Volumes of 1D particles in order, (N, T): half the distance between the two neighbours."""
+    s = arrays["s0"]
+    volume = np.zeros_like(s)
+    volume[1:-1] = 0.5 * (s[2:] - s[:-2])
+    result = {"volume": volume}
+    if "low0" in arrays:
+        low = arrays["low0"]
+        hi, lo = dd_add((s[2:], low[2:]), dd_neg((s[:-2], low[:-2])))
+        result["volume_low"] = np.zeros_like(s)
+        volume[1:-1], result["volume_low"][1:-1] = 0.5 * hi, 0.5 * lo
+    if "e0" in arrays:
+        error = arrays["e0"]
+        bound = np.zeros_like(s)
+        bound[1:-1] = 0.5 * (error[2:] + error[:-2])
+        result["volume_error"] = (bound + UNIT * volume) * (1.0 + 1e-9)
+    return result
+
+
+def summed(offset: Array, around: Array, kernel: Kernel) -> Array:
+    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses.
+
+    offset: (d, N, T) of the particles b; around: (d, M, T) of every particle within reach of them.
+    """
+    dim, rows, targets = offset.shape
+    volume = np.empty((rows, targets))
+    for b in range(rows):
+        distance = np.zeros(around.shape[1:])
+        for axis in range(dim):
+            d = around[axis] - offset[axis, b]
+            distance += d * d
+        density = total(np.asarray(kernel.w(np.sqrt(distance), dim), dtype=np.float64))
+        volume[b] = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
+    return volume
+
+
+def fractions(values: Array) -> NDArray[Any]:
+    """The floats as an array of Fractions."""
+    return np.array([Fraction(v) for v in values.ravel().tolist()], dtype=object).reshape(
+        values.shape
+    )
+
+
+def fraction(value: Any) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
