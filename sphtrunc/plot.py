@@ -268,7 +268,8 @@ def _panel(axis: Axes, panel: Panel) -> None:
             color=colour,
             linestyle="none",
             marker=MARKERS[look % len(MARKERS)],
-            markerfacecolor="white",
+            markersize=_size(look),
+            markerfacecolor="none",  # what lies beneath stays visible
             markeredgewidth=1.2,
             elinewidth=1.0,
             capsize=2.0,
@@ -306,6 +307,11 @@ def _positive(curve: Curve, panel: Panel) -> tuple[Floats, Floats]:
     return curve.x, np.where(y > 0, y, np.nan) if panel.yscale == "log" else y
 
 
+def _size(look: int) -> float:
+    """Later markers are smaller, so that coinciding points are seen as such."""
+    return (8.5, 7.0, 6.0, 5.0, 4.5, 4.0, 3.5, 3.0)[look % 8]
+
+
 def _handles(labels: Sequence[str], curves: Sequence[Curve]) -> list[Any]:
     """One entry a label: its line, its marker, or both."""
     from matplotlib.lines import Line2D
@@ -321,7 +327,8 @@ def _handles(labels: Sequence[str], curves: Sequence[Curve]) -> list[Any]:
                 color=COLOURS[look % len(COLOURS)],
                 linestyle=DASHES[look % len(DASHES)] if PREDICTED in kinds else "none",
                 marker=MARKERS[look % len(MARKERS)] if MEASURED in kinds else "",
-                markerfacecolor="white",
+                markersize=_size(look),
+                markerfacecolor="none",
                 markeredgewidth=1.2,
             )
         )

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-NODES = {1: 21, 2: 9, 3: 5}  # of the quadrature over η along each axis
+NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
+CALM = 0.1  # for displacements of at most this many h, and for larger ones
 UNIT = 2.0**-53
 _SERIES = 60  # terms of the continuous limit
 
@@ -327,7 +328,7 @@ def _curvature_at_0(kernel: Kernel) -> bool:
 
 def _nodes(distribution: str, spread: float, dim: int, moving: bool) -> tuple[Array, Array]:
     """Nodes η (Q, d) and weights (Q,) of the displacement relative to the target."""
-    n = NODES[dim]
+    n = NODES[dim][spread > CALM]
     if distribution == "gaussian":
         x, w = np.polynomial.hermite_e.hermegauss(n)
         x, w = x * spread * (sqrt(2.0) if moving else 1.0), w / w.sum()

@@ -18,6 +18,16 @@ FIGURES = {
         "Error against Δx/h at several h/λ, and an edge formula.",
     ),
     "kernel-comparison": ("uniform", "Error against Δx/h at h/λ = 0.0018 for many kernels."),
+    "disorder-h": ("disorder", "Error against h/λ for σ/Δx from 0 to 0.2."),
+    "disorder-dx": ("disorder", "Error against Δx/h for σ/Δx from 0 to 0.2."),
+    "randomness": ("disorder", "Gaussian, uniform, blue, relaxed and graded particles, equal σ."),
+    "first-order": ("disorder", "CSPH and RKPM-1 against standard and difference forms."),
+    "3d-standard": ("disorder", "3D, σ/Δx = 0.2, against h/λ and neighbours."),
+    "3d-corrected": ("disorder", "The same for corrected forms."),
+    "stencils": ("choices", "Weights beside central differences; modified wavenumbers."),
+    "tuning": ("choices", "Total error over (h/λ, Δx/h) with the best path."),
+    "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
+    "work-precision": ("choices", "Error against pairs, along the best path."),
 }
 
 

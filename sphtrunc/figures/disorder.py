@@ -1,0 +1,316 @@
+"""Figures of disordered particles: standard, difference and corrected forms in one and three
+dimensions, and kinds of disorder of equal size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.convention import BALL
+from sphtrunc.figures.uniform import DX, UNIT, H
+from sphtrunc.operators import Operator
+from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
+from sphtrunc.response import predict_waves
+from sphtrunc.scene import graded, jittered, lattice
+from sphtrunc.waves import waves
+
+if TYPE_CHECKING:
+    from sphtrunc.kernel import Kernel
+    from sphtrunc.measurement import Measurement
+
+ERROR = "rms error / largest exact gradient"
+STANDARD = Operator("gradient")
+DIFFERENCE = Operator("gradient", "difference")
+CSPH = Operator("gradient", "difference", "csph")
+RKPM = Operator("gradient", "standard", "rkpm-1")
+SEED = 7
+
+
+def scene_at(
+    dim: int,
+    ratio: Fraction,
+    sigma: float,
+    distribution: str = "gaussian",
+    volume: str = "constant",
+) -> Any:
+    """A jittered lattice, or the lattice itself; large enough for any number of targets."""
+    extent = 2**20 if dim == 1 else 1000
+    home = lattice(dim, dx_over_h=ratio, volume=volume, extent=extent)
+    return jittered(home, sigma, distribution, SEED) if sigma else home
+
+
+def theory(kernel: Kernel, operator: Operator, scene: Any, lengths: Sequence[float]) -> list[float]:
+    """Predicted rms errors."""
+    home = getattr(scene, "lattice", scene)
+    splits = predict_waves(
+        kernel,
+        operator,
+        home.kind,
+        home.dx_over_h,
+        home.offset,
+        lengths,
+        sigma=getattr(scene, "sigma", 0.0),
+        distribution=getattr(scene, "distribution", "gaussian"),
+        volume=home.volume,
+    )
+    return [split.total for split in splits]
+
+
+def points(
+    label: str,
+    x: Sequence[float],
+    found: Sequence[Measurement],
+    predictions: Sequence[float] | None,
+) -> Curve:
+    """Measured points with their confidence intervals."""
+    errors = [m.error for m in found]
+    kept = [(a, e, i) for i, (a, e) in enumerate(zip(x, errors, strict=True)) if e is not None]
+    return measured(
+        label,
+        [a for a, _, _ in kept],
+        [e["rms"] for _, e, _ in kept],
+        low=[e["rms_ci95"][0] for _, e, _ in kept],
+        high=[e["rms_ci95"][1] for _, e, _ in kept],
+        predicted=None if predictions is None else [predictions[i] for _, _, i in kept],
+        floor=100 * UNIT / (2 * pi * min(x)),
+    )
+
+
+def against_h(
+    kernel: Kernel,
+    cases: Sequence[tuple[str, Operator, Any]],
+    fine: Sequence[float],
+    coarse: Sequence[float],
+    rtol: float,
+) -> list[Curve]:
+    """Curves and points against h/λ; a case is (label, operator, scene)."""
+    curves: list[Curve] = []
+    for label, operator, scene in cases:
+        curves.append(predicted(label, fine, theory(kernel, operator, scene, fine)))
+        ((row),) = waves(scene, kernel, [operator], coarse, rtol=rtol, seed=SEED, workers=2)
+        curves.append(points(label, coarse, row, theory(kernel, operator, scene, coarse)))
+    return curves
+
+
+def against_dx(
+    kernel: Kernel,
+    cases: Sequence[tuple[str, Operator, int, float]],
+    length: float,
+    fine: Sequence[Fraction],
+    coarse: Sequence[Fraction],
+    rtol: float,
+    neighbours: bool = False,
+) -> list[Curve]:
+    """Curves and points against Δx/h, or against the number of neighbours; a case is (label,
+    operator, dim, σ/Δx)."""
+    curves: list[Curve] = []
+    for label, operator, dim, sigma in cases:
+
+        def x(ratio: Fraction, dim: int = dim) -> float:
+            if not neighbours:
+                return float(ratio)
+            return float(BALL[dim]) * (float(kernel.support) / float(ratio)) ** dim
+
+        line = [theory(kernel, operator, scene_at(dim, r, sigma), [length])[0] for r in fine]
+        curves.append(predicted(label, [x(r) for r in fine], line))
+        found, expected = [], []
+        for ratio in coarse:
+            scene = scene_at(dim, ratio, sigma)
+            ((one,),) = waves(scene, kernel, [operator], [length], rtol=rtol, seed=SEED, workers=2)
+            found.append(one)
+            expected += theory(kernel, operator, scene, [length])
+        curves.append(points(label, [x(r) for r in coarse], found, expected))
+    return curves
+
+
+def ratios(first: float, last: float, n: int) -> list[Fraction]:
+    """n simple rationals, evenly in the logarithm."""
+    return [Fraction(float(x)).limit_denominator(1000) for x in np.geomspace(first, last, n)]
+
+
+def logs(first: float, last: float, n: int) -> list[float]:
+    """n numbers, evenly in the logarithm."""
+    return [float(x) for x in np.geomspace(first, last, n)]
+
+
+def disorder_h(kernel: str | None, quick: bool) -> Picture:
+    """σ/Δx from 0 to 0.2 at Δx/h = 4/11."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    cases = [
+        (rf"$\sigma/\Delta x = {s:g}$", STANDARD, scene_at(1, Fraction(4, 11), s))
+        for s in (0.0, 0.001, 0.01, 0.05, 0.2)
+    ]
+    coarse = logs(1e-4, 0.5, 7 if quick else 15)
+    curves = against_h(shape, cases, logs(1e-4, 0.5, 60), coarse, 0.05 if quick else 0.01)
+    curves.append(slope(r"$\propto 1/h$", -1, (2e-4, 3e-3), (1e-3, 2e1)))
+    panel = Panel(H, ERROR, tuple(curves), legend="upper right")
+    caption = rf"Standard gradient, 1D, {shape.name}, $\Delta x/h = 4/11$"
+    return Picture("disorder-h", caption, (panel,))
+
+
+def disorder_dx(kernel: str | None, quick: bool) -> Picture:
+    """The same against Δx/h at h/λ = 0.022."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    cases = [(rf"$\sigma/\Delta x = {s:g}$", STANDARD, 1, s) for s in (0.0, 0.001, 0.01, 0.05, 0.2)]
+    curves = against_dx(
+        shape,
+        cases,
+        0.022,
+        ratios(0.1, 1.2, 60 if quick else 150),
+        ratios(0.1, 1.2, 6 if quick else 12),
+        0.05 if quick else 0.01,
+    )
+    curves.append(slope(r"$\propto (\Delta x/h)^{3/2}$", 1.5, (0.11, 0.5), (0.2, 2.0)))
+    panel = Panel(DX, ERROR, tuple(curves), legend="lower left")
+    caption = rf"Standard gradient, 1D, {shape.name}, $h/\lambda = 0.022$"
+    return Picture("disorder-dx", caption, (panel,))
+
+
+def randomness(kernel: str | None, quick: bool) -> Picture:
+    """Kinds of disorder of equal σ: independent, uniform, blue, relaxed, graded."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    sigma, ratio = 0.1, Fraction(1, 2)
+    fine, coarse = logs(1e-3, 0.4, 60), logs(1e-3, 0.4, 6 if quick else 12)
+    rtol = 0.05 if quick else 0.01
+    panels = []
+    for title, operator in (("standard form", STANDARD), ("CSPH", CSPH)):
+        cases = [
+            (f"{name}", operator, scene_at(1, ratio, sigma, name))
+            for name in ("gaussian", "uniform", "blue")
+        ]
+        curves = against_h(shape, cases, fine, coarse, rtol)
+        for label, scene in (
+            ("relaxed (measured only)", relaxed(float(ratio), sigma, 2000 if quick else 20000)),
+            ("graded (measured only)", waving(float(ratio), sigma, 100 if quick else 400)),
+        ):
+            (row,) = waves(scene, shape, [operator], coarse, seed=SEED, workers=2)
+            curves.append(points(label, coarse, row, None))
+        panels.append(Panel(H, ERROR, tuple(curves), title=title))
+    caption = rf"1D, {shape.name}, $\Delta x/h = 1/2$, displacements of $\sigma/\Delta x = 0.1$"
+    return Picture("randomness", caption, tuple(panels))
+
+
+def relaxed(ratio: float, sigma: float, n: int, steps: int = 20) -> Any:
+    """Particles on a ring that repel their neighbours from random places, rescaled to σ/Δx.
+
+    A linear repulsion: each step moves a particle by a quarter of the difference of its two gaps.
+    """
+    from sphtrunc.particles import particles
+
+    rng = np.random.default_rng(SEED)
+    u = rng.normal(size=n)
+    for _ in range(steps):
+        u = u + 0.25 * (np.roll(u, 1) + np.roll(u, -1) - 2 * u)
+    u *= sigma / u.std()
+    x = ratio * (np.arange(n) + u)
+    return particles(x[:, None] % (n * ratio), h=1.0, volume=np.full(n, ratio), period=n * ratio)
+
+
+def waving(ratio: float, sigma: float, n: int) -> Any:
+    """A smooth grading: displacements σ√2 sin(2πx/20h), so that their standard deviation is σΔx."""
+    q = 2 * pi / 20
+    amplitude = sigma * ratio * np.sqrt(2.0) * q
+    return graded(
+        lambda x: ratio / (1 - amplitude * np.cos(q * x)), x=np.linspace(0, 20, n, endpoint=False)
+    )
+
+
+def first_order(kernel: str | None, quick: bool) -> Picture:
+    """Corrected against standard and difference forms at Δx/h = 0.7."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    ratio, sigma = Fraction(7, 10), 0.05
+    names = ("standard", "difference", "CSPH", "RKPM-1")
+    cases = [
+        (label, operator, scene_at(1, ratio, sigma))
+        for label, operator in zip(names, (STANDARD, DIFFERENCE, CSPH, RKPM), strict=True)
+    ]
+    coarse = logs(1e-4, 0.4, 7 if quick else 14)
+    curves = against_h(shape, cases, logs(1e-4, 0.4, 60), coarse, 0.05 if quick else 0.01)
+    curves += [
+        slope(r"$\propto 1/h$", -1, (2e-4, 3e-3), (1e-3, 30.0)),
+        slope(r"$\propto h$", 1, (2e-4, 3e-3), (1e-3, 4e-5)),
+    ]
+    panel = Panel(H, ERROR, tuple(curves), legend="upper right")
+    caption = rf"Gradient, 1D, {shape.name}, $\Delta x/h = 0.7$, $\sigma/\Delta x = 0.05$"
+    return Picture("first-order", caption, (panel,))
+
+
+def three_d_standard(kernel: str | None, quick: bool) -> Picture:
+    """σ/Δx = 0.2 in 3D against h/λ and against the number of neighbours."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    chosen = [Fraction(1, 2), Fraction(7, 10), Fraction(1)]
+    cases = [(rf"$\Delta x/h = {float(r):g}$", STANDARD, scene_at(3, r, 0.2)) for r in chosen]
+    rtol = 0.05 if quick else 0.02
+    left = against_h(shape, cases, logs(1e-3, 0.5, 40), logs(1e-3, 0.5, 6 if quick else 10), rtol)
+    left.append(slope(r"$\propto 1/h$", -1, (2e-3, 2e-2), (1e-2, 10.0)))
+    rows = [
+        (rf"$h/\lambda = {length:g}$", length)
+        for length in ((0.02, 0.2) if quick else (0.005, 0.02, 0.2))
+    ]
+    right: list[Curve] = []
+    for label, length in rows:
+        right += against_dx(
+            shape,
+            [(label, STANDARD, 3, 0.2)],
+            length,
+            ratios(0.45, 1.1, 12 if quick else 25),
+            ratios(0.45, 1.1, 4 if quick else 7),
+            rtol,
+            neighbours=True,
+        )
+    right.append(slope(r"$\propto N_{nb}^{-5/6}$", -5 / 6, (60.0, 250.0), (100.0, 15.0)))
+    panels = (
+        Panel(H, ERROR, tuple(left), legend="upper right"),
+        Panel("neighbours", ERROR, tuple(right), legend="lower left", ylim=(0.03, 60)),
+    )
+    caption = rf"Standard gradient, 3D, {shape.name}, $\sigma/\Delta x = 0.2$"
+    return Picture("3d-standard", caption, panels)
+
+
+def three_d_corrected(kernel: str | None, quick: bool) -> Picture:
+    """Standard, difference and CSPH in 3D at σ/Δx = 0.2."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    forms = [("standard", STANDARD), ("difference", DIFFERENCE), ("CSPH", CSPH), ("RKPM-1", RKPM)]
+    rtol = 0.05 if quick else 0.02
+    cases = [(label, operator, scene_at(3, Fraction(7, 10), 0.2)) for label, operator in forms]
+    left = against_h(shape, cases, logs(1e-3, 0.5, 30), logs(1e-3, 0.5, 6 if quick else 10), rtol)
+    left.append(slope(r"$\propto h$", 1, (2e-3, 2e-2), (1e-2, 3e-4)))
+    right = against_dx(
+        shape,
+        [(label, operator, 3, 0.2) for label, operator in forms[:3]],
+        0.02,
+        ratios(0.45, 1.0, 10 if quick else 20),
+        ratios(0.45, 1.0, 4 if quick else 7),
+        rtol,
+        neighbours=True,
+    )
+    panels = (
+        Panel(H, ERROR, tuple(left), title=r"$\Delta x/h = 0.7$", legend="upper right"),
+        Panel("neighbours", ERROR, tuple(right), title=r"$h/\lambda = 0.02$", legend="best"),
+    )
+    caption = rf"Gradient, 3D, {shape.name}, $\sigma/\Delta x = 0.2$"
+    return Picture("3d-corrected", caption, panels)
+
+
+def second_derivatives(kernel: str | None, quick: bool) -> Picture:
+    """Forms of the Laplacian in 2D, uniform and disordered."""
+    shape = parse_kernel(kernel or "polynomial:4")
+    forms = {
+        "W″, difference": Operator("laplacian", "difference"),
+        "Brookshaw": Operator("laplacian", "brookshaw"),
+        "Fatehi–Manzari": Operator("laplacian", "fatehi-manzari"),
+        "RKPM-2": Operator("laplacian", "direct", "rkpm-2"),
+    }
+    coarse = logs(1e-3, 0.4, 6 if quick else 12)
+    panels = []
+    for title, sigma in (("uniform", 0.0), (r"$\sigma/\Delta x = 0.05$", 0.05)):
+        cases = [(label, o, scene_at(2, Fraction(1, 2), sigma)) for label, o in forms.items()]
+        curves = against_h(shape, cases, logs(1e-3, 0.4, 50), coarse, 0.05 if quick else 0.01)
+        panels.append(Panel(H, "rms error / largest exact Laplacian", tuple(curves), title=title))
+    caption = rf"Laplacian, 2D, {shape.name}, $\Delta x/h = 1/2$"
+    return Picture("second-derivatives", caption, tuple(panels))

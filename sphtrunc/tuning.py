@@ -1,0 +1,361 @@
+"""Tuning: which h and Δx to take, from the predicted parts of the error.
+
+At wavelength λ an estimate is described by r = Δx/h and x = h/λ. Its cost is the number of pairs in
+a volume λ^d, C = V_d κ^d x^{−d} r^{−2d}; particles alone are λ/Δx = 1/(r x) in each direction.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from fractions import Fraction
+from math import exp, log
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sphtrunc.convention import BALL
+from sphtrunc.kernel import Kernel, dimension
+from sphtrunc.lattice import DEFAULT
+from sphtrunc.operators import Operator
+from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.response import Split, predict_waves
+
+PARTS = ("smoothing", "discretisation", "disorder", "rounding")
+MOST_NEIGHBOURS = {1: 200, 2: 1000, 3: 4000}
+GRID = 33  # values of Δx/h that are looked at first
+LENGTHS = 25  # values of h/λ that are looked at for a wanted error
+LONGEST, SHORTEST = 0.5, 1e-5  # h/λ
+FINEST = 10**6  # Δx/h is a rational of at most this denominator
+
+ADVICE = {
+    "smoothing": "take a smaller h (at the same Δx/h: more particles), or a kernel of smaller"
+    " second moment",
+    "discretisation": "take more neighbours (a smaller Δx/h), or a smoother kernel",
+    "disorder": "take a form that is consistent of higher order, more neighbours, or particles in"
+    " better order; a smaller h at equal neighbours does not help the standard form",
+    "rounding": "take a larger h, the difference form, or compensated sums and offsets in place of"
+    " coordinates",
+}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is estimated, on which particles.
+
+    sigma, distribution: displacements, σ/Δx along each axis; lattice: which lattice is displaced
+
+    Raises ValueError for what the prediction does not cover.
+    """
+
+    dim: int = 1
+    operator: Operator = field(default_factory=Operator)
+    sigma: float = 0.0
+    distribution: str = "gaussian"
+    lattice: str | None = None
+
+    def __post_init__(self) -> None:
+        dimension(self.dim)
+        if not 0 <= self.sigma <= 1:
+            raise ValueError(f"jitter: got {self.sigma:g}, expected σ/Δx from 0 to 1")
+
+    def split(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split] | None:
+        """The predicted error at Δx/h = r for every h/λ; None where a correction is singular or
+        no neighbour is left."""
+        ratio = Fraction(r).limit_denominator(FINEST)
+        try:
+            return predict_waves(
+                kernel,
+                self.operator,
+                self.lattice or DEFAULT[self.dim],
+                ratio,
+                (Fraction(0),) * self.dim,
+                lengths,
+                sigma=self.sigma,
+                distribution=self.distribution,
+            )
+        except ValueError:
+            return None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A choice of h and Δx, and what it gives.
+
+    neighbours: particles in the support; cost: pairs in a volume λ^d; particles: λ/Δx
+    """
+
+    kernel: str
+    dx_over_h: float
+    h_over_lambda: float
+    neighbours: float
+    particles: float
+    cost: float
+    error: Split
+
+    @property
+    def dominant(self) -> str:
+        """The largest part of the error."""
+        return max(PARTS, key=lambda part: float(getattr(self.error, part)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures, the parts of the error beside them."""
+        row = asdict(self)
+        return {**row, "error": row["error"], "dominant": self.dominant}
+
+
+def setting(problem: Problem, kernel: Kernel, r: float, x: float) -> Setting:
+    """The setting at Δx/h = r and h/λ = x, with its predicted error.
+
+    Raises ValueError where the estimate does not exist there.
+    """
+    splits = problem.split(kernel, r, [x])
+    if splits is None:
+        raise ValueError(
+            f"dx-over-h: at {r:g} {kernel.name} has too few neighbours for this estimate;"
+            " expected a smaller ratio"
+        )
+    neighbours = _neighbours(problem, kernel, r)
+    particles = 1 / (r * x)
+    cost = particles**problem.dim * neighbours
+    return Setting(kernel.name, r, x, neighbours, particles, cost, splits[0])
+
+
+def _neighbours(problem: Problem, kernel: Kernel, r: float) -> float:
+    return float(BALL[problem.dim]) * (float(kernel.support) / r) ** problem.dim
+
+
+# ------------------------------------------------------------------------------- the best setting
+
+
+def best_at_particles(problem: Problem, kernel: Kernel | str, particles: float) -> Setting:
+    """The least error with λ/Δx given: the best number of neighbours for the particles there are.
+
+    Raises ValueError where there is none within h/λ from 1e-5 to 0.5.
+    """
+    shape = parse_kernel(kernel)
+    if not particles > 0:
+        raise ValueError(f"particles: got {particles:g}, expected a positive number λ/Δx")
+    return _least(problem, shape, lambda r: 1 / (particles * r), _grid(problem, shape))
+
+
+def best_at_cost(problem: Problem, kernel: Kernel | str, cost: float) -> Setting:
+    """The least error with the number of pairs in a volume λ^d given.
+
+    Raises ValueError where there is none within h/λ from 1e-5 to 0.5.
+    """
+    shape = parse_kernel(kernel)
+    if not cost > 0:
+        raise ValueError(f"cost: got {cost:g}, expected a positive number of pairs")
+    return _at_cost(problem, shape, cost, _grid(problem, shape))
+
+
+def _at_cost(problem: Problem, kernel: Kernel, cost: float, grid: Sequence[float]) -> Setting:
+    dim = problem.dim
+    factor = float(BALL[dim]) ** (1 / dim) * float(kernel.support) / cost ** (1 / dim)
+    return _least(problem, kernel, lambda r: factor / r**2, grid)
+
+
+def best_at_error(problem: Problem, kernel: Kernel | str, error: float) -> Setting:
+    """The least cost with which the error at λ is not larger than wanted.
+
+    Raises ValueError where no setting within h/λ from 1e-5 to 0.5 reaches it.
+    """
+    shape = parse_kernel(kernel)
+    if not 0 < error < 1:
+        raise ValueError(f"error: got {error:g}, expected a relative error between 0 and 1")
+    lengths = np.geomspace(SHORTEST, LONGEST, LENGTHS)
+    places = []
+    for logarithm in _grid(problem, shape)[::2]:
+        splits = problem.split(shape, exp(logarithm), list(lengths))
+        x = None if splits is None else _crossing(lengths, [s.total for s in splits], error)
+        if x is not None:
+            places.append((-log(x) - 2 * logarithm, logarithm, x))
+    if not places:
+        raise ValueError(
+            f"error: {error:g} is not reached by {shape.name} with at most"
+            f" {MOST_NEIGHBOURS[problem.dim]} neighbours; expected a larger error, less disorder,"
+            " or a form of higher consistency"
+        )
+    _, logarithm, x = min(places)
+    around = [logarithm + d for d in np.linspace(-0.12, 0.12, 5)]
+    found = setting(problem, shape, exp(logarithm), x)
+    for _ in range(6):  # the cost at which the least error is the one wanted, by secants
+        found = _at_cost(problem, shape, found.cost, around)
+        if 0.97 * error <= found.error.total <= error:
+            break
+        power = 2.0 if found.error.smoothing > found.error.disorder else 1.0
+        factor = (found.error.total / (0.985 * error)) ** (problem.dim / power)
+        found = setting(
+            problem, shape, found.dx_over_h, found.h_over_lambda * factor ** (-1 / problem.dim)
+        )
+        around = [log(found.dx_over_h) + d for d in np.linspace(-0.06, 0.06, 5)]
+    return found
+
+
+def _crossing(x: Any, y: Sequence[float], level: float) -> float | None:
+    """The largest x at which y is the level, y being linear in the logarithms between points."""
+    fit = [i for i, value in enumerate(y) if value <= level]
+    if not fit:
+        return None
+    i = fit[-1]
+    if i + 1 == len(y):
+        return float(x[i])
+    part = (log(level) - log(y[i])) / (log(y[i + 1]) - log(y[i]))
+    return float(x[i] * (x[i + 1] / x[i]) ** part)
+
+
+def _least(
+    problem: Problem, kernel: Kernel, x: Callable[[float], float], grid: Sequence[float]
+) -> Setting:
+    def error(logarithm: float) -> float:
+        r = exp(logarithm)
+        if not SHORTEST <= x(r) <= LONGEST:
+            return float("inf")
+        splits = problem.split(kernel, r, [x(r)])
+        return float("inf") if splits is None else splits[0].total
+
+    r = exp(_minimum(error, grid))
+    if error(log(r)) == float("inf"):
+        raise ValueError(
+            f"tune: no setting of {kernel.name} with at most {MOST_NEIGHBOURS[problem.dim]}"
+            f" neighbours has h/λ between {SHORTEST:g} and {LONGEST:g}; expected more particles or"
+            " a larger cost"
+        )
+    return setting(problem, kernel, r, x(r))
+
+
+def _grid(problem: Problem, kernel: Kernel) -> list[float]:
+    """Logarithms of Δx/h from the most neighbours to hardly any."""
+    dim = problem.dim
+    kappa = float(kernel.support)
+    least = kappa * (float(BALL[dim]) / MOST_NEIGHBOURS[dim]) ** (1 / dim)
+    return [float(v) for v in np.linspace(log(least), log(0.95 * kappa), GRID)]
+
+
+def _minimum(function: Callable[[float], float], grid: Sequence[float]) -> float:
+    """Where the function is least: on the grid, then on finer ones around the best place."""
+    values = [function(v) for v in grid]
+    best = int(np.argmin(values))
+    place, value = grid[best], values[best]
+    step = grid[1] - grid[0]
+    for _ in range(4):
+        for candidate in (place - step / 2, place - step / 4, place + step / 4, place + step / 2):
+            found = function(candidate)
+            if found < value:
+                best_place, value = candidate, found
+                place = best_place
+        step /= 3
+    return place
+
+
+# ------------------------------------------------------------------------------------ convergence
+
+
+@dataclass(frozen=True)
+class Exponents:
+    """h ∝ Δx^p balances smoothing against disorder; the error then is ∝ Δx^order, and the number
+    of neighbours ∝ N^neighbours (Zhu, Hernquist & Li 2015, doi:10.1088/0004-637X/800/1/6, found
+    0.4 to 0.5 empirically)."""
+
+    p: Fraction
+    order: Fraction
+    neighbours: Fraction
+
+
+def path(operator: Operator, dim: int) -> Exponents:
+    """The best path at fixed disorder, exactly.
+
+    Smoothing is ∝ h^s, the leading random error ∝ h^{j−m} (Δx/h)^{1+d/2}, with m the derivatives,
+    j the degree of the first polynomial that is not reproduced on disordered particles.
+    """
+    dim = dimension(dim)
+    j = operator.consistency + 1
+    s = _smoothing_power(operator)
+    p = Fraction(2 + dim, 2 * (s - j + operator.derivatives) + 2 + dim)
+    return Exponents(p, s * p, 1 - p)
+
+
+def _smoothing_power(operator: Operator) -> int:
+    """Of h, in the continuous limit of a symmetric kernel: 2, and 4 for RKPM-2 and RKPM-3."""
+    degree = operator.polynomial_degree or 0
+    return 4 if degree >= 2 else 2
+
+
+def walk(
+    problem: Problem, kernel: Kernel | str, particles: Sequence[float]
+) -> tuple[list[Setting], float, float]:
+    """The best setting for each λ/Δx, and the exponents p of h ∝ Δx^p and of the error that a
+    straight line through them has."""
+    settings = [best_at_particles(problem, kernel, n) for n in particles]
+    dx = np.log([1 / s.particles for s in settings])
+    h = np.log([s.h_over_lambda for s in settings])
+    error = np.log([s.error.total for s in settings])
+    return settings, float(np.polyfit(dx, h, 1)[0]), float(np.polyfit(dx, error, 1)[0])
+
+
+# ---------------------------------------------------------------------------------- explanations
+
+
+def explain(
+    problem: Problem, kernel: Kernel | str, rows: Sequence[tuple[float, float, float]]
+) -> list[dict[str, Any]]:
+    """What dominates the error of somebody's runs: rows (Δx/λ, h/λ, error).
+
+    Each row gets its predicted error and parts, the part that dominates, and what to change. The
+    error may be None-like (NaN) where it was not measured.
+    """
+    shape = parse_kernel(kernel)
+    result = []
+    for dx, h, error in rows:
+        if not (dx > 0 and h > 0):
+            raise ValueError(f"table: got Δx = {dx:g}, h = {h:g}, expected positive lengths")
+        here = setting(problem, shape, dx / h, h)
+        result.append(
+            {
+                "dx_over_lambda": dx,
+                "h_over_lambda": h,
+                "neighbours": here.neighbours,
+                "error": error,
+                "predicted": here.error.total,
+                **{part: getattr(here.error, part) for part in PARTS},
+                "dominant": here.dominant,
+                "advice": ADVICE[here.dominant],
+            }
+        )
+    return result
+
+
+def read_table(file: str | Path, dim: int, wavelength: float) -> list[tuple[float, float, float]]:
+    """Rows (Δx/λ, h/λ, error) of a CSV table with the columns dx (or n, the number of particles in
+    a volume λ^d), h and error.
+
+    Raises ValueError for a table that cannot be read, with the line.
+    """
+    if not 0 < wavelength < float("inf"):
+        raise ValueError(f"wavelength: got {wavelength:g}, expected a positive length")
+    try:
+        text = Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as failure:
+        raise ValueError(f"table {file}: {failure}") from None
+    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    names = {name.strip().lower(): name for name in reader.fieldnames or [] if name}
+    if "h" not in names or not {"dx", "n"} & set(names):
+        raise ValueError(f"table {file}: expected columns dx (or n), h and error")
+    rows: list[tuple[float, float, float]] = []
+    for number, row in enumerate(reader, start=2):
+        try:
+            h = float(row[names["h"]]) / wavelength
+            if "dx" in names:
+                dx = float(row[names["dx"]]) / wavelength
+            else:
+                dx = float(row[names["n"]]) ** (-1 / dim)
+            error = float(row[names["error"]]) if "error" in names else float("nan")
+        except (TypeError, ValueError, ZeroDivisionError):
+            raise ValueError(f"table {file}: line {number} is not a row of numbers") from None
+        rows.append((dx, h, error))
+    if not rows:
+        raise ValueError(f"table {file}: expected at least one row")
+    return rows
