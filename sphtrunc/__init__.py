@@ -12,6 +12,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sphtrunc.comparison import compare as compare
+    from sphtrunc.comparison import predict_error as predict_error
     from sphtrunc.derivation import Derivation as Derivation
     from sphtrunc.kernel import Kernel as Kernel
     from sphtrunc.moments import Moments as Moments
@@ -27,11 +29,23 @@ _PUBLIC = {
     "Kernel": "kernel",
     "Moments": "moments",
     "Operator": "operators",
+    "compare": "comparison",
     "derive": "theory",
     "kernel": "parse",
+    "predict_error": "comparison",
 }
 
-__all__ = ["Derivation", "Kernel", "Moments", "Operator", "__version__", "derive", "kernel"]
+__all__ = [
+    "Derivation",
+    "Kernel",
+    "Moments",
+    "Operator",
+    "__version__",
+    "compare",
+    "derive",
+    "kernel",
+    "predict_error",
+]
 
 
 def __getattr__(name: str) -> Any:
