@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphtrunc.neighbourhood import EDGE, Indices, Neighbourhood, fraction, fractions
-from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, total, two_sum
+from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, total, two_product, two_sum
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
@@ -109,7 +109,7 @@ class Particles:
         if self.period is not None:
             box = self.period[axis]
             turns = np.rint(hi / box)
-            hi, lo = dd_add((hi, lo), (-turns * box, np.zeros_like(hi)))
+            hi, lo = dd_add((hi, lo), two_product(-turns, np.full_like(hi, box)))
         return hi, lo
 
     def neighbourhood(
@@ -148,9 +148,13 @@ class Particles:
         else:
             v = self._summed(kernel)[particle]
         v = np.where(absent, 0.0, v)
-        with np.errstate(over="ignore"):
+        v_low = np.zeros_like(v)
+        with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(self.dim):
-                v = v / h
+                if extended:
+                    v, v_low = dd_div((v, v_low), dd(np.broadcast_to(h, v.shape)))
+                else:
+                    v = v / h
         if not np.all(v < 1e100):
             raise ValueError(
                 f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
@@ -167,7 +171,7 @@ class Particles:
             stretch=stretch,
             h=h,
             offset_low=np.stack(low) if extended else None,
-            volume_low=np.zeros_like(v) if extended else None,
+            volume_low=v_low if extended else None,
             offset_error=(2.0 + 1e-9) * UNIT * np.abs(s) if errors else None,
             volume_error=(self.dim + 3) * UNIT * v
             if errors and self.volume != "summation"

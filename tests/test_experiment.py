@@ -198,6 +198,43 @@ def test_reported_bounds_hold_and_are_tight_against_sixty_digits(case: tuple[Any
     assert np.median(over) <= 50
 
 
+LINE = np.random.default_rng(0).random(100)
+PLANE = np.random.default_rng(1).random((200, 2))
+OTHER_SCENES: dict[str, Any] = {
+    "cells": jittered(lattice(1, None, "2/5", volume="cell", extent=1000), 0.2, seed=4),
+    "graded": graded(lambda x: 0.4 + 0.1 * np.sin(x), np.linspace(0, 5, 30)),
+    "explicit cells": particles(LINE, h=0.1, volume="cell"),
+    "far away in a box": particles(LINE + 1e6, h=0.1, volume="cell", period=1.0),
+    "plane": particles(PLANE, h=0.11, volume=1 / 200),
+    "periodic plane": particles(PLANE + 7.0, h=0.11, volume=1 / 200, period=1.0),
+    "hexagonal": jittered(lattice(2, "hexagonal", "7/10"), 0.1, "blue"),
+    "hcp": lattice(3, "hcp", "9/10", ["1/3", "1/5", "1/7"]),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_SCENES)
+def test_reported_bounds_hold_in_every_kind_of_scene(name: str) -> None:
+    scene = OTHER_SCENES[name]
+    kernel = sphtrunc.kernel("quintic-spline")
+    targets = "all" if scene.population < 2 else np.arange(15)
+    found = measure(scene, kernel, moments=1, targets=targets, bound=True)
+    assert found.moment_bound is not None
+    over = []
+    with workdps(DIGITS):
+        for t in found.target:
+            offset, volume = scene.exact_neighbourhood(int(t), kernel)
+            number = Exact()
+            s = [number.number(x) for x in offset]
+            _, moments = estimate(
+                number, s, number.number(volume), kernel, Operator(), 1, [], Health()
+            )
+            for alpha, m in moments.items():
+                gap = abs(mp.mpf(float(found.moments[alpha][t])) - m)
+                assert gap <= found.moment_bound[alpha][t]
+                over += [float(found.moment_bound[alpha][t] / gap)] if gap else []
+    assert np.median(over) <= 50
+
+
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize(
     ("name", "form", "correction"),
