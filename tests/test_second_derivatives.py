@@ -101,12 +101,8 @@ def test_nested_is_a_sum_of_sums() -> None:
     shape = kernel("cubic-spline")
 
     def slope(x: Fraction) -> Fraction:
-        q = abs(x)
-        inside = [
-            p
-            for b, p in zip(shape.knots[1:], shape.derivative(), strict=True)
-            if Rational(str(q)) <= b
-        ]
+        exact = Rational(str(abs(x)))
+        inside = [p for b, p in zip(shape.knots[1:], shape.derivative(), strict=True) if exact <= b]
         if not inside:
             return Fraction(0)
         value = Fraction(str(inside[0].eval(exact) * shape.normalisation(1)))
