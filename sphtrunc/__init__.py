@@ -15,10 +15,19 @@ if TYPE_CHECKING:
     from sphtrunc.comparison import compare as compare
     from sphtrunc.comparison import predict_error as predict_error
     from sphtrunc.derivation import Derivation as Derivation
+    from sphtrunc.experiment import measure as measure
+    from sphtrunc.fields import field as field
+    from sphtrunc.fields import polynomial as polynomial
+    from sphtrunc.fields import sinusoid as sinusoid
     from sphtrunc.kernel import Kernel as Kernel
+    from sphtrunc.measurement import Measurement as Measurement
     from sphtrunc.moments import Moments as Moments
     from sphtrunc.operators import Operator as Operator
     from sphtrunc.parse import kernel as kernel
+    from sphtrunc.particles import particles as particles
+    from sphtrunc.scene import graded as graded
+    from sphtrunc.scene import jittered as jittered
+    from sphtrunc.scene import lattice as lattice
     from sphtrunc.theory import derive as derive
 
 __version__ = "0.1.0"
@@ -27,24 +36,42 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "Derivation": "derivation",
     "Kernel": "kernel",
+    "Measurement": "measurement",
     "Moments": "moments",
     "Operator": "operators",
     "compare": "comparison",
     "derive": "theory",
+    "field": "fields",
+    "graded": "scene",
+    "jittered": "scene",
     "kernel": "parse",
+    "lattice": "scene",
+    "measure": "experiment",
+    "particles": "particles",
+    "polynomial": "fields",
     "predict_error": "comparison",
+    "sinusoid": "fields",
 }
 
 __all__ = [
     "Derivation",
     "Kernel",
+    "Measurement",
     "Moments",
     "Operator",
     "__version__",
     "compare",
     "derive",
+    "field",
+    "graded",
+    "jittered",
     "kernel",
+    "lattice",
+    "measure",
+    "particles",
+    "polynomial",
     "predict_error",
+    "sinusoid",
 ]
 
 
