@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.operators import Key
-from sphtrunc.pairs import COUNT, UNIT, Plan, Term, base_sum, needed_terms, plan, radial_terms
+from sphtrunc.pairs import COUNT, MOST, UNIT, Plan, Term, base_sum, needed_terms, plan, radial_terms
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array, dd_add, two_sum
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 ENGINES = ("numba", "numpy")
 _REACH = 1.0 + 1e-12  # what is looked at beyond the support: the formula decides what is inside
+_WORTH = 1 << 14  # particles from which on a compiled loop pays for its compilation
 _CROWD = 4096.0  # candidates for a target beyond which cells of one size do not fit the particles
 
 
@@ -33,7 +34,8 @@ _CROWD = 4096.0  # candidates for a target beyond which cells of one size do not
 class PairSums:
     """Sums over the neighbours of T targets, in units of h.
 
-    targets: (T,); neighbours: (T,) particles within the support, the target included
+    targets: (T,); neighbours: (T,) particles within the support, the target included, and others:
+        (T,) those of them that are not where the target is
     base: (δ, α) -> (T,) m[δ, α] = (−1)^{|δ|} Σ V_b/h^d s^α ∂^δŴ
     fields: (δ, α) -> (F, T), the same with A_b (or A_b − A_a) in every term
     base_bound, fields_bound: bounds of the rounding errors, if asked for
@@ -42,6 +44,7 @@ class PairSums:
 
     targets: Any
     neighbours: Any
+    others: Any
     base: Mapping[Key, Array]
     fields: Mapping[Key, Array]
     base_bound: Mapping[Key, Array] | None
@@ -89,7 +92,8 @@ def pair_sums(
     targets: indices (T,), None for all
     precision: "plain" or "compensated"; bound: add bounds of all rounding errors
     workers: threads, None for all cores; the results do not depend on it
-    engine: "numba" or "numpy", None for the fastest there is
+    engine: "numba" or "numpy"; None: Numba if it is there and the scene is large enough to be worth
+        the compilation
 
     Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
     unknown engine, and where the box is smaller than twice the support.
@@ -118,7 +122,7 @@ def pair_sums(
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
     own = np.concatenate([per_h[None], values]) if difference else per_h[None]
     number = threads(workers)
-    name = engine or names[0]
+    name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
         from sphtrunc import cells
 
@@ -164,6 +168,7 @@ def _gathered(
             for i, t in enumerate(task.terms)
         }
     count = range(task.fields)
+    seen = sums[task.terms[-1]].astype(np.int64)
 
     def bound(key: Key, field: int) -> Array:
         assert errors is not None
@@ -174,7 +179,8 @@ def _gathered(
 
     return PairSums(
         targets=chosen,
-        neighbours=sums[task.terms[-1]].astype(np.int64),
+        neighbours=seen & (int(MOST) - 1),
+        others=seen >> 26,
         base={key: base_sum(key, -1, sums) for key in keys},
         fields={key: np.stack([base_sum(key, f, sums) for f in count]) for key in field_keys},
         base_bound={key: bound(key, -1) for key in keys} if task.bound else None,

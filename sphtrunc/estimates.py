@@ -14,13 +14,17 @@ import numpy as np
 
 from sphtrunc.arithmetic import MOST_CONDITION, Health, Plain
 from sphtrunc.engine import pair_sums, pairs_with_terms, threads, volumes
+from sphtrunc.fields import Sample, Values
+from sphtrunc.kernel import Kernel
+from sphtrunc.measurement import Block
 from sphtrunc.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators import FATEHI_MANZARI, Key, Operator, combine
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array
+from sphtrunc.sums import _contracted, exact_derivatives
 
 if TYPE_CHECKING:
-    from sphtrunc.kernel import Kernel
+    from sphtrunc.experiment import Task
 
 _BLOCK = 4096  # targets whose corrections are solved together
 _SAFE = 1e5  # condition up to which a small matrix is inverted by its cofactors
@@ -32,7 +36,7 @@ class Estimates:
 
     values: (F, C, T), C components for each of F fields, in units of A/h^k
     moments: multi-index -> (T,) of the first component
-    neighbours: (T,) particles within the support, the target included
+    neighbours, others: as in `PairSums`
     condition: (T,) of the worst correction matrix; where it is above 1e12 the estimate is flagged
         and means nothing
     """
@@ -41,6 +45,7 @@ class Estimates:
     values: Array
     moments: Mapping[MultiIndex, Array]
     neighbours: Any
+    others: Any
     condition: Array
 
     @property
@@ -124,7 +129,7 @@ def estimates(
         moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
     if operator.uses_difference and operator.derivatives == 0:
         out += values[:count, None, index]
-    return Estimates(index, out, moments, sums.neighbours, condition)
+    return Estimates(index, out, moments, sums.neighbours, sums.others, condition)
 
 
 def _structure(operator: Operator, dim: int) -> list[dict[Key, Any]]:
@@ -199,6 +204,56 @@ def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
         if not (isinstance(y, int) and y == 0)
     ]
     return sum(terms[1:], terms[0]) if terms else 0.0
+
+
+def in_one_pass(task: Task, targets: Any, workers: int) -> Block | None:
+    """What a measurement of explicit particles asks for, in one pass over the pairs; None where it
+    asks for more than sums of values given at the particles."""
+    scene, operator = task.scene, task.operator
+    fields = [one for one in task.fields if isinstance(one, Values)]
+    if not (
+        isinstance(scene, Particles)
+        and isinstance(task.kernel, Kernel)
+        and task.precision in ("plain", "compensated")
+        and not task.bound
+        and len(fields) == len(task.fields)
+        and not (operator.form == "symmetric" and task.degree is not None)
+    ):
+        return None
+    found = estimates(
+        scene,
+        task.kernel,
+        operator,
+        [one.values for one in fields],
+        degree=task.degree,
+        targets=targets,
+        precision=task.precision,
+        workers=workers,
+    )
+    at, h = found.targets, scene.h[found.targets]
+    samples = []
+    for one in fields:
+        known = one.derivatives
+        if known is not None:
+            known = {mu: values[at] * h ** sum(mu) for mu, values in known.items()}
+        samples.append(Sample(None, one.values[at], known))
+    parts = _contracted(
+        Operator(operator.name), [list(f) for f in found.values], samples, scene.dim
+    )
+    truth = exact_derivatives(operator, samples, scene.dim) if samples else None
+    return Block(
+        target=found.targets,
+        estimates=np.stack(parts) if parts else None,
+        errors=None
+        if truth is None
+        else np.stack([p - t for p, t in zip(parts, truth, strict=True)]),
+        moments=found.moments,
+        estimate_bound=None,
+        moment_bound={},
+        pairs=found.neighbours,
+        neighbours=found.others,
+        condition=found.condition,
+    )
 
 
 def weights(

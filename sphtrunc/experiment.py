@@ -19,6 +19,7 @@ import numpy as np
 from sphtrunc.arithmetic import PRECISIONS, Health, arithmetic
 from sphtrunc.bounded import FINER, SLACK, Bounded
 from sphtrunc.digits import DIGITS, Extended
+from sphtrunc.estimates import in_one_pass
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
@@ -334,7 +335,11 @@ def measure(
         try:
             if rtol is None:
                 chosen = _chosen(scene, targets, seed)
-                run(chosen, chosen.size)
+                whole = in_one_pass(task, chosen, threads)
+                if whole is None:
+                    run(chosen, chosen.size)
+                else:
+                    blocks.append(whole)
             else:
                 _until(scene, operator, rtol, targets, most, seed, blocks, run)
         except KeyboardInterrupt:

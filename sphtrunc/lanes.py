@@ -25,7 +25,7 @@ from numba.extending import (
     unbox,
 )
 
-from sphtrunc.pairs import UNIT, Plan, pair_terms, row_counts
+from sphtrunc.pairs import MOST, UNIT, Plan, pair_terms, row_counts
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()
@@ -187,8 +187,9 @@ class LaneNumbers:
     def others(self, squares: Any, x: Any) -> Lanes:
         return self._select(">", squares, 0.0, x, 0.0)
 
-    def within(self, x: Any, edge: float) -> Lanes:
-        return self._select("<=", x, edge, 1.0, 0.0)
+    def within(self, x: Any, edge: float, squares: Any) -> Lanes:
+        one = self._select(">", squares, 0.0, 1.0 + MOST, 1.0)
+        return self._select("<=", x, edge, one, 0.0)
 
     def pick(self, x: Any, knot: float, inner: Any, outer: Any, mean: float | None) -> Lanes:
         value = self._select("<", x, knot, inner, outer)

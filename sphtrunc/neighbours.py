@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sphtrunc.pairs import Bounded, Plan, pair_terms, row_counts
+from sphtrunc.pairs import MOST, Bounded, Plan, pair_terms, row_counts
 from sphtrunc.summation import Array, compensated_total, total, total_error
 
 _PAIRS = 1 << 15  # of one block
@@ -52,8 +52,8 @@ class ArrayNumbers:
     def others(self, squares: Array, x: Any) -> Any:
         return np.where(squares > 0.0, x, 0.0)
 
-    def within(self, x: Array, edge: float) -> Any:
-        return np.where(x <= edge, 1.0, 0.0)
+    def within(self, x: Array, edge: float, squares: Array) -> Any:
+        return np.where(x <= edge, np.where(squares > 0.0, 1.0 + MOST, 1.0), 0.0)
 
     def pick(self, x: Array, knot: float, inner: Any, outer: Any, mean: float | None) -> Any:
         value = np.where(x < knot, inner, outer)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 UNIT = 2.0**-53
 TINY = 2.0**-1074
 
-COUNT = 4  # R[COUNT, 0]: the number of neighbours within the support
+COUNT = 4  # R[COUNT, 0]: particles within the support, and 2²⁶ times those not at the target
+MOST = 2.0**26
 OTHERS = 5  # Ŵ′/q without the particle at s = 0
 #: powers of h_a/h_ab beyond d that a factor carries where a pair has an h of its own
 _STRETCH = {VALUE: 0, SLOPE: 2, CURVATURE: 4, STEEP: 4, COUNT: 0, OTHERS: 2}
@@ -200,7 +201,7 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         factors[OTHERS] = number.others(squares, factors[SLOPE])
     if any(t.k == COUNT for t in plan.terms):
         edge = plan.support**2 if plan.even else plan.support
-        factors[COUNT] = number.within(seen if plan.even else q, edge)
+        factors[COUNT] = number.within(seen if plan.even else q, edge, squares)
     if stretch is not None:
         for k in factors:
             for _ in range(0 if k == COUNT else plan.dim + _STRETCH[k]):
@@ -362,8 +363,8 @@ class BoundedNumbers:
         error = n.others(squares.value, x.error)
         return Bounded(n, n.others(squares.value, x.value), error)
 
-    def within(self, x: Bounded, edge: float) -> Bounded:
-        return Bounded(self.plain, self.plain.within(x.value, edge), 0.0)
+    def within(self, x: Bounded, edge: float, squares: Bounded) -> Bounded:
+        return Bounded(self.plain, self.plain.within(x.value, edge, squares.value), 0.0)
 
     def pick(self, x: Bounded, knot: float, inner: Any, outer: Any, mean: float | None) -> Bounded:
         """inner below the knot, outer above; where rounding may have crossed it, both errors and
