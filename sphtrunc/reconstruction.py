@@ -100,7 +100,7 @@ def reconstruct(
     for wanted in supports:
         keep = x < wanted
         u, v = x[keep].astype(np.longdouble) / wanted, y[keep].astype(np.longdouble)
-        for noise in NOISES:
+        for noise in NOISES if wanted == supports[0] else NOISES[:1]:
             for degree in DEGREES:
                 found = _pieces(u, v, unit, noise, degree, scale)
                 if found is not None:
@@ -116,7 +116,7 @@ def _supports(x: Array, last: int) -> list[float]:
     high = Fraction(float(x[last + 1])) if last + 1 < len(x) else low + 3 * (low / (last + 1))
     found: list[Fraction] = []
     ranges = [(low, high)]
-    while ranges and len(found) < 5:
+    while ranges and len(found) < 3:
         a, b = ranges.pop(0)
         middle = simplest_between(a, b)
         found.append(middle)

@@ -3,7 +3,8 @@
 >>> from sphtrunc.testing import assert_kernel
 >>> def hat(q):
 ...     return max(0.0, 1.0 - q)
->>> assert_kernel(hat, "b-spline:2", dim=1)
+>>> assert_kernel(hat, "b-spline:2", dim=1).clean
+True
 """
 
 from __future__ import annotations
