@@ -277,28 +277,29 @@ def _panel(axis: Axes, panel: Panel) -> None:
         )
     axis.set_xlabel(panel.xlabel)
     axis.set_ylabel(panel.ylabel)
-    if panel.xscale == "log":
-        _ticks(axis)
     if panel.title:
         axis.set_title(panel.title, fontsize=10)
     if panel.ylim is not None:
         axis.set_ylim(*panel.ylim)
+    if panel.xscale == "log":
+        _ticks(axis.xaxis, *axis.get_xlim())
+    if panel.yscale == "log":
+        _ticks(axis.yaxis, *axis.get_ylim())
     if labels:
         axis.legend(handles=_handles(labels, panel.curves), loc=panel.legend)
 
 
-def _ticks(axis: Axes) -> None:
+def _ticks(axis: Any, low: float, high: float) -> None:
     """Plain numbers on an axis of less than two decades, where powers of ten are too far apart."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-    low, high = axis.get_xlim()
-    if high > 60 * low:
+    if not 0 < low < high < 60 * low:
         return
     steps = (1, 2, 3, 4, 6, 8) if high < 12 * low else (1, 2, 4)
     ticks = [m * 10.0**e for e in range(-12, 13) for m in steps if low <= m * 10.0**e <= high]
-    axis.xaxis.set_major_locator(FixedLocator(ticks))
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _positive(curve: Curve, panel: Panel) -> tuple[Floats, Floats]:
@@ -337,13 +338,13 @@ def _handles(labels: Sequence[str], curves: Sequence[Curve]) -> list[Any]:
 
 def _contours(axis: Axes, field: Field) -> None:
     level = np.log10(field.z)
-    steps = np.arange(np.floor(level.min()), np.ceil(level.max()) + 1)
+    steps = np.arange(np.floor(level.min()), np.ceil(level.max()) + 0.5, 0.5)
     filled = axis.contourf(field.x, field.y, level, levels=steps, cmap="Greys_r", alpha=0.55)
     lines = axis.contour(field.x, field.y, level, levels=steps, colors="#333333", linewidths=0.6)
-    axis.clabel(lines, fmt=lambda v: f"$10^{{{v:.0f}}}$", fontsize=8)
+    axis.clabel(lines, steps[steps % 1 == 0], fmt=lambda v: f"$10^{{{v:.0f}}}$", fontsize=8)
     figure = axis.get_figure()
     assert figure is not None
-    figure.colorbar(filled, ax=axis, label=field.label, format="%.0f")
+    figure.colorbar(filled, ax=axis, label=field.label, format="%.1f")
 
 
 def save(picture: Picture, out: str | Path) -> list[Path]:

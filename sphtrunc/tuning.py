@@ -102,8 +102,7 @@ class Setting:
 
     def to_dict(self) -> dict[str, Any]:
         """All figures, the parts of the error beside them."""
-        row = asdict(self)
-        return {**row, "error": row["error"], "dominant": self.dominant}
+        return {**asdict(self), "dominant": self.dominant}
 
 
 def setting(problem: Problem, kernel: Kernel, r: float, x: float) -> Setting:
@@ -265,7 +264,7 @@ class Exponents:
     neighbours: Fraction
 
 
-def path(operator: Operator, dim: int) -> Exponents:
+def exponents(operator: Operator, dim: int) -> Exponents:
     """The best path at fixed disorder, exactly.
 
     Smoothing is ∝ h^s, the leading random error ∝ h^{j−m} (Δx/h)^{1+d/2}, with m the derivatives,
@@ -304,8 +303,9 @@ def explain(
 ) -> list[dict[str, Any]]:
     """What dominates the error of somebody's runs: rows (Δx/λ, h/λ, error).
 
-    Each row gets its predicted error and parts, the part that dominates, and what to change. The
-    error may be None-like (NaN) where it was not measured.
+    Each row gets its predicted error and parts, the part that dominates, and what to change.
+
+    Raises ValueError for lengths that are not positive, or too few neighbours.
     """
     shape = parse_kernel(kernel)
     result = []

@@ -15,6 +15,7 @@ COMMANDS = {
     "measure": "The discrete sums themselves, on particles.",
     "kernels": "The catalogue of kernels and their constants.",
     "sweep": "Measure every combination of lists of options, resumably.",
+    "tune": "Which h and Δx to take, and what limits the error.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
