@@ -16,7 +16,7 @@ from sphtrunc.fields import Sinusoid, Values
 from sphtrunc.moments import Moments, MultiIndex, label
 from sphtrunc.operators import Operator
 from sphtrunc.scene import Indices, Lattice
-from sphtrunc.summation import Array
+from sphtrunc.summation import UNIT, Array
 
 if TYPE_CHECKING:
     from sphtrunc.experiment import Task
@@ -301,6 +301,8 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         phi = 2.0 * np.pi * (np.arange(PHASES) + 0.5) / PHASES
         errors = errors[:, :1] * np.cos(phi) + errors[:, 1:] * np.sin(phi)
         errors = errors if fit.all() else errors[:, :0]
+        # |e_c cos φ + e_s sin φ| at the worst phase
+        bound = None if bound is None else np.hypot(bound[:, :1], bound[:, 1:])[:, fit]
     else:
         errors = None if errors is None else errors[:, fit]
         bound = None if bound is None else bound[:, fit]
@@ -315,9 +317,12 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         }
     worst = None
     if task.bound:
-        every = [bound] if bound is not None else list((moment_bound or {}).values())
+        every = [] if bound is None else [np.linalg.norm(bound, axis=0)]
+        every = every or list((moment_bound or {}).values())
         sizes = [float(b.max()) for b in every if b.size]
         worst = max(sizes, default=0.0)
+        if errors is not None and errors.size:  # scaling, phases, squares and their mean
+            worst += 16.0 * UNIT * float(np.abs(errors).max())
         worst = worst if np.isfinite(worst) else None
     for figures in (errors, *moments.values()):
         if figures is not None and not np.all(np.isfinite(figures)):
