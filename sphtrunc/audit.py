@@ -402,7 +402,7 @@ def _numeric(samples: Samples, dim: int, subject: str, notes: Sequence[str]) -> 
     whole, error = _quadrature(samples, dim)
     top = float(np.max(np.abs(w)))
     found = []
-    if abs(whole - 1) > max(error, 1e-9):
+    if abs(whole - 1) > max(error, 1e-9, 64 * samples.unit):
         found.append(
             Fault(
                 slips.WRONG_CONSTANT,
