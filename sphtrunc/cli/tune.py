@@ -149,7 +149,7 @@ def _present(text: str, kernel: Any, dim: int) -> float:
 
 
 _HEAD = (
-    f"{'kernel':<14}{'Δx/h':>7}{'h/λ':>8}{'λ/Δx':>7}{'neighb.':>8}{'pairs/λ^d':>10}{'error':>9}"
+    f"{'kernel':<13}{'Δx/h':>7}{'h/λ':>8}{'λ/Δx':>7}{'neighb.':>8}{'pairs/λ^d':>10}{'error':>9}"
     "  =smooth.  discret. disorder rounding"
 )
 
@@ -160,7 +160,7 @@ def _line(row: dict[str, Any]) -> str:
         f"{error[n]:>8.1e}" for n in ("smoothing", "discretisation", "disorder", "rounding")
     )
     return (
-        f"{row['kernel'][:13]:<14}{row['dx_over_h']:>7.4f}{row['h_over_lambda']:>8.4g}"
+        f"{row['kernel'][:12]:<13}{row['dx_over_h']:>7.4f}{row['h_over_lambda']:>8.4g}"
         f"{row['particles']:>7.4g}{row['neighbours']:>8.4g}{row['cost']:>10.3g}"
         f"{error['total']:>9.2e}  {parts}"
     )
