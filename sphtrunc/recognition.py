@@ -27,7 +27,7 @@ from sphtrunc.samples import DOUBLE, SINGLE, Samples, node_spacing
 Array = NDArray[np.floating[Any]]
 
 GRID = np.linspace(0, 0.75, 61)  # in units of the support: where shapes are told apart
-TINY = {DOUBLE: 2.0**-1022, SINGLE: 2.0**-148}  # values that underflow lose digits
+TINY = {DOUBLE: 2.0**-1022, SINGLE: 2.0**-126}  # the least normal numbers: below, digits are lost
 MOST_NOISE = 2e-3  # of the value at the origin: rounding that leaves room for other kernels
 MOST_ERROR = 5e-2  # relative, of the amplitude: a bound wider than that agrees with anything
 ALIKE = 0.03  # how far apart two profiles may be for a full comparison
