@@ -7,6 +7,7 @@ displacements, so no digit is lost however large the scene is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -40,14 +41,19 @@ VOLUMES = ("constant", "cell", "summation")
 MOST_INDICES = 2**20  # along one axis, see jitter.BITS
 
 
+#: a fraction, or a decimal with an exponent of at most three digits: a longer one fills the memory
+_NUMBER = re.compile(r"\s*[+-]?(\d+/\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?)\s*\Z", re.ASCII)
+
+
 def exact(value: object, name: str) -> Fraction:
-    """The rational that a number or a text such as "10/13" or "0.7" says; a float is what it is.
+    """The rational that a number or a text such as "10/13", "0.7" or "1e-8" says; a float is what
+    it is.
 
     Raises ValueError for anything else, NaN and infinities included.
     """
     if isinstance(value, (np.floating, np.integer)):
         value = value.item()
-    text_fits = not isinstance(value, str) or (len(value) <= 200 and not set(value) & set("eE_"))
+    text_fits = not isinstance(value, str) or (len(value) <= 200 and bool(_NUMBER.match(value)))
     if isinstance(value, (str, Rational, float)) and not isinstance(value, bool) and text_fits:
         try:
             return Fraction(value)
@@ -353,7 +359,7 @@ def lattice(
     offset: object = 0,
     *,
     volume: str = "constant",
-    extent: int = 1000,
+    extent: int | None = None,
 ) -> Lattice:
     """An endless lattice, seen from one of its particles or from `offset` beside it.
 
@@ -362,7 +368,9 @@ def lattice(
     offset: position of the lattice relative to the target in units of Δx, x_j = (j + θ)Δx in 1D;
         one number per axis. Together with Δx/h it is taken exactly: write Fractions or "10/13".
     volume: "constant" Δx^d, or "summation" 1/Σ W (the same for all particles of a lattice).
-    extent: particles along each axis that a full scene would have, for the count of its pairs.
+    extent: particles along each axis that a full scene would have: the targets of a jittered one,
+        and the count of all pairs. Default: 10⁶, 10⁴, 10³ in 1, 2, 3 dimensions, so many that the
+        neighbourhoods of a sample do not overlap, as confidence intervals suppose.
 
     Raises ValueError for what is out of range.
     """
@@ -389,6 +397,7 @@ def lattice(
         raise ValueError("offset: expected a few particle spacings at most")
     if volume not in VOLUMES or (volume == "cell" and dim > 1):
         raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
+    extent = {1: 10**6, 2: 10**4, 3: 10**3}[dim] if extent is None else extent
     _whole("extent", extent, 1, MOST_INDICES)
     return Lattice(kind, ratio, shift, volume, int(extent))
 

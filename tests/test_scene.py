@@ -128,6 +128,8 @@ def test_offsets_in_space_are_correctly_rounded(kind: str) -> None:
 
 def test_what_a_text_says_is_what_is_used() -> None:
     assert sc.lattice(1, None, "0.7").dx_over_h == Fraction(7, 10)
+    assert sc.exact("1e-8", "h_over_lambda") == Fraction(1, 10**8)
+    assert sc.exact(" -.5E+2 ", "offset") == -50
     assert sc.lattice(1, None, 0.7).dx_over_h == Fraction(0.7) != Fraction(7, 10)
     assert sc.lattice(1, None, np.float64(0.5)).dx_over_h == Fraction(1, 2)
 
