@@ -63,6 +63,8 @@ class Task:
 
     def _evaluate(self, target: Indices, number: Any) -> Block:
         extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
+        if extended and self.scene.volume == "summation":
+            raise ValueError("precision: extended needs volumes that are not summed")
         block = self.scene.neighbourhood(target, self.kernel, extended=extended, errors=errors)
         if errors and (block.offset_error is None or block.volume_error is None):
             raise ValueError("bound: summation volumes carry no bound; expected constant or cell")

@@ -803,6 +803,16 @@ def test_wrong_arguments_say_what_is_allowed(case: str) -> None:
     assert len(str(caught.value)) > 20
 
 
+@pytest.mark.parametrize(
+    "more", [{"precision": "extended"}, {"precision": "exact"}, {"bound": True}]
+)
+def test_summed_volumes_have_neither_bound_nor_more_digits(more: dict[str, Any]) -> None:
+    scene = jittered(lattice(1, None, "1/2", volume="summation"), 0.1)
+    assert measure(scene, "cubic-spline", targets=3).moments[1].shape == (3,)
+    with pytest.raises(ValueError, match=r"summ|constant"):
+        measure(scene, "cubic-spline", targets=3, **more)
+
+
 BAD_FIELDS = [
     "sinusoid", "sinusoid:", "sinusoid:0", "sinusoid:-1", "sinusoid:nan", "sinusoid:1e9",
     "sinusoid:0.1:0,0", "sinusoid:0.1:1", "bump", "bump:0", "bump:x", "polynomial:", "polynomial:w",
