@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 SECOND_ORDER = 240  # displacements, up to which second derivatives are taken
+LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better than two orders in σ
 
 Row = tuple[Any, MultiIndex, str]  # (c, β, f): c s^β f(q), see `sphtrunc.lattice_sums`
 
@@ -90,22 +91,26 @@ def predict(
     variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
     size = (index.shape[1], dim)
     how = "first-order propagation through the lattice"
-    if is_linear(operator) and volume == "constant" and distribution == "gaussian":
-        how = "closed form for Gaussian displacements"
+    closed = is_linear(operator) and volume == "constant" and distribution == "gaussian"
+    few = size[0] * dim <= SECOND_ORDER and not (closed and sigma > LARGE)
+    if few:
+        how = "second-order propagation through the lattice"
+        excess = -1.2 if distribution == "uniform" else 0.0
+        second = second_order(lambda at: propagate(*arguments, at)[0], size, mixed, excess)
+        for alpha, (shift, more) in second.items():
+            mean[alpha] += 0.0 if closed else sigma**2 * shift
+            variance[alpha] += sigma**4 * more
+    if closed:
+        how = how if few else "closed form for Gaussian displacements"
         part = operator.coefficients({}, dim)[axis]
         for alpha in mean:
             if any(alpha) or not operator.uses_difference:
                 rows = moment_rows(part, alpha)
                 if values[alpha] != 0 or any(offset):  # else zero by symmetry, and stays it
                     mean[alpha] += mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
-                variance[alpha] *= finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim) ** 2
-    elif size[0] * dim <= SECOND_ORDER:
-        how = "second-order propagation through the lattice"
-        excess = -1.2 if distribution == "uniform" else 0.0
-        second = second_order(lambda at: propagate(*arguments, at)[0], size, mixed, excess)
-        for alpha, (shift, more) in second.items():
-            mean[alpha] += sigma**2 * shift
-            variance[alpha] += sigma**4 * more
+                if not few:
+                    ratio = finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim)
+                    variance[alpha] *= ratio**2
     return Prediction(mean, {a: max(v, 0.0) ** 0.5 for a, v in variance.items()}, how)
 
 

@@ -105,7 +105,7 @@ def assert_within_bound(scene: Any, shape: Any, operator: Operator, degree: int)
 # ------------------------------------------------------------------------------------- lattices
 
 
-@examples(5200)
+@examples(6500)
 @given(
     scenes(LOW, Fraction(11, 10)),
     st.sampled_from(SMOOTH),
@@ -194,7 +194,7 @@ def test_euler_maclaurin_is_the_sum_particle_by_particle(
 
 @st.composite
 def disordered(draw: st.DrawFn) -> tuple[Any, float]:
-    dim = draw(st.sampled_from((1, 1, 2, 3)))
+    dim = draw(st.sampled_from((1, 1, 1, 2, 3)))
     kind = draw(st.sampled_from(kinds(dim)))
     low = {1: Fraction(1, 4), 2: Fraction(1, 2), 3: Fraction(7, 10)}[dim]
     ratio = draw(st.fractions(low, Fraction(4, 5), max_denominator=24))
@@ -206,7 +206,7 @@ def disordered(draw: st.DrawFn) -> tuple[Any, float]:
     return jittered(lattice(dim, kind, ratio, volume=volume), sigma, distribution, seed), sigma
 
 
-@examples(1400)
+@examples(300)
 @given(
     disordered(),
     st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
@@ -220,10 +220,11 @@ def test_means_and_spreads_under_disorder(
     """Means within 4 standard errors. Spreads within 4 standard errors of a spread, and the few per
     cent that are of the next order in σ."""
     scene, _ = scene_and_sigma
-    targets = 128
+    targets = 2000
     found = compare(scene, SHAPES[name], operator, degree=2, targets=targets)
     values = found.measured.moments.values
     largest = max(found.predicted.std.values())
+    floor = 1e-3 if found.predicted.how.startswith("second") else 0.15
     for alpha, measured in values.items():
         std = found.predicted.std[alpha]
         if (
@@ -278,6 +279,7 @@ def test_parts_of_an_error() -> None:
     field = {(n,): k ** (n - 1) * (1, 0, -1, 0)[(n - 1) % 4] for n in range(1, 7)}  # sin at 0
     taylor = predict_error(shape, PLAIN[2], fine, field)
     assert taylor.total == pytest.approx(parts.total * sqrt(2), rel=1e-4)
+    assert taylor.smoothing == pytest.approx(parts.smoothing * sqrt(2), rel=1e-4)
     moved = predict_error(shape, PLAIN[2], jittered(fine, 0.1), field)
     assert moved.disorder > 0
     assert moved.smoothing == taylor.smoothing
