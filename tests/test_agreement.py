@@ -227,9 +227,7 @@ def test_means_and_spreads_under_disorder(
     floor = 1e-3 if found.predicted.how.startswith("second") else 0.15
     for alpha, measured in values.items():
         std = found.predicted.std[alpha]
-        if (
-            std < 1e-3 * largest
-        ):  # zero to this order: nothing is predicted of it but that it is small
+        if std < floor * largest:  # zero to the order taken: known to be small, no more
             continue
         kurtosis = max(3.0, float(((measured - measured.mean()) ** 4).mean() / measured.var() ** 2))
         width = sqrt((kurtosis - 1) / (4 * targets))
