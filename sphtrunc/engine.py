@@ -81,6 +81,7 @@ def pair_sums(
     targets: object = None,
     precision: str = "plain",
     bound: bool = False,
+    quantum: float = 0.0,
     workers: int | None = None,
     engine: str | None = None,
 ) -> PairSums:
@@ -91,6 +92,8 @@ def pair_sums(
     difference: A_b − A_a in place of A_b
     targets: indices (T,), None for all
     precision: "plain" or "compensated"; bound: add bounds of all rounding errors
+    quantum: relative error that the positions came with, 2⁻²⁴ for single precision; the bound
+        carries it
     workers: threads, None for all cores; the results do not depend on it
     engine: "numba" or "numpy"; None: Numba if it is there and the scene is large enough to be worth
         the compilation
@@ -117,6 +120,7 @@ def pair_sums(
         low=scene.period is not None,
         compensated=precision == "compensated",
         bound=bound,
+        quantum=quantum,
     )
     per_h = 1.0 / scene.h
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)

@@ -88,7 +88,7 @@ def sums(
     """As `sphtrunc.cells.sums`."""
     population = own.shape[1]
     out = np.zeros((row_counts(plan)[2], population))
-    x = np.ascontiguousarray(np.stack(columns[: plan.dim]).T)
+    x, reach = _scaled(columns[: plan.dim], reach)
     tree = cKDTree(x)
     order = np.asarray(tree.indices, dtype=np.int64)
     place = np.empty_like(order)
@@ -110,6 +110,12 @@ def sums(
     return out
 
 
+def _scaled(rows: tuple[Array, ...], reach: Array) -> tuple[Array, Array]:
+    """Positions (n, d) and reach by a power of two, so that the tree can square them."""
+    power = -int(np.frexp(reach.max())[1])
+    return np.ldexp(np.ascontiguousarray(np.stack(rows).T), power), np.ldexp(reach, power)
+
+
 def _typical(tree: Any, x: Array, targets: Any, reach: Array) -> int:
     some = targets[np.linspace(0, targets.size - 1, min(64, targets.size)).astype(np.int64)]
     radius = reach[some] if reach.size > 1 else reach[0]
@@ -121,7 +127,7 @@ def listed(
 ) -> Iterator[tuple[Any, Any, Any, list[Array]]]:
     """Blocks of pairs with their terms one by one: which of the targets (T,), for each pair the
     number of its target in the block, its source, and a row for each term of the plan."""
-    x = np.ascontiguousarray(np.stack(columns[: plan.dim]).T)
+    x, reach = _scaled(columns[: plan.dim], reach)
     tree = cKDTree(x)
     place = np.arange(x.shape[0])
     unique, at = np.unique(targets, return_inverse=True)

@@ -49,6 +49,7 @@ class Plan:
     mode: "one" (h of the target), "scatter" or "mean"
     low: positions are pairs of floats (images in a periodic box)
     compensated: sums carry their rounding errors; bound: sums carry a bound of all errors
+    quantum: relative error that the positions came with; the bound carries it
     support: κ; even: no kernel factor needs q, q² will do
     """
 
@@ -61,6 +62,7 @@ class Plan:
     low: bool
     compensated: bool
     bound: bool
+    quantum: float
     support: float
     even: bool
 
@@ -76,6 +78,7 @@ def plan(
     low: bool = False,
     compensated: bool = False,
     bound: bool = False,
+    quantum: float = 0.0,
 ) -> Plan:
     """The plan for these sums with this kernel."""
     terms = tuple(dict.fromkeys(terms))
@@ -91,6 +94,7 @@ def plan(
         low=low,
         compensated=compensated,
         bound=bound,
+        quantum=quantum,
         support=float(kernel.support),
         even=all(f.even for _, f in factors),
     )
@@ -170,7 +174,7 @@ def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) ->
         source = [Bounded(number, x, 0.0) for x in source]
         for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
             per_h.error = number.scale(per_h.value) * UNIT  # 1/h is rounded, what was given is not
-        number = BoundedNumbers(number)
+        number = BoundedNumbers(number, plan.quantum)
     a = Ends(target[:d], target[d:places], None, target[places + 1 :], target[places])
     b = Ends(source[:d], source[d:places], source[places], source[places + 1 :], source[-1])
     return contributions(plan, number, a, b)
@@ -333,18 +337,21 @@ class Bounded:
 class BoundedNumbers:
     """The functions of the formula for bounded numbers, on top of those for plain ones."""
 
-    def __init__(self, number: Any) -> None:
-        self.plain = number
+    def __init__(self, number: Any, quantum: float = 0.0) -> None:
+        self.plain, self.quantum = number, quantum
 
     def constant(self, c: float, error: float = 0.0) -> Bounded:
         return Bounded(self.plain, self.plain.constant(c), error)
 
     def difference(self, a: Bounded, b: Bounded) -> Bounded:
-        """a − b of numbers without error, and exactly what rounding took off (Knuth 1969)."""
+        """a − b of positions, and exactly what rounding took off (Knuth 1969)."""
         d = a.value - b.value
         back = a.value - d
         rest = (a.value - (d + back)) + (back - b.value)
-        return Bounded(self.plain, d, self.plain.size(rest))
+        error = self.plain.size(rest)
+        if self.quantum:
+            error = error + (self.plain.size(a.value) + self.plain.size(b.value)) * self.quantum
+        return Bounded(self.plain, d, error)
 
     def sqrt(self, x: Bounded) -> Bounded:
         n = self.plain

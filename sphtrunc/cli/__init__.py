@@ -21,6 +21,7 @@ COMMANDS = {
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",
+    "bench": "Run time against error, on this machine.",
 }
 
 
