@@ -114,7 +114,7 @@ def _irregular(kernel: Kernel, scene: Any, ratio: Fraction, quick: bool) -> Pane
         lengths = [v / (2 * float(ratio)) for v in fine]
         curves.append(predicted(label, fine, theory(kernel, operator, scene, lengths)))
         lengths = [v / (2 * float(ratio)) for v in coarse]
-        rtol = 0.05 if quick else 0.01
+        rtol = 0.02 if quick else 0.01
         (row,) = waves(scene, kernel, [operator], lengths, rtol=rtol, seed=SEED, workers=2)
         expected = theory(kernel, operator, scene, lengths)
         curves.append(points(label, coarse, row, expected))
@@ -180,7 +180,7 @@ def tuning(kernel: str | None, quick: bool) -> Picture:
         for value in coarse:
             scene = scene_at(dim, value, sigma)
             length = [1 / (n * float(value))]
-            rtol = 0.05 if quick else 0.02
+            rtol = 0.03 if quick else 0.02
             ((one,),) = waves(scene, shape, [DIFFERENCE], length, rtol=rtol, seed=SEED, workers=2)
             found.append(one)
         expected = _across(problem, shape, n, coarse)
@@ -240,7 +240,7 @@ def _along(
     for s in best:
         ratio = Fraction(s.dx_over_h).limit_denominator(10**6)
         scene = scene_at(problem.dim, ratio, problem.sigma)
-        rtol = 0.05 if quick else 0.02
+        rtol = 0.03 if quick else 0.02
         ((one,),) = waves(
             scene, shape, [problem.operator], [s.h_over_lambda], rtol=rtol, seed=SEED, workers=2
         )

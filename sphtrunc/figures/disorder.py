@@ -146,7 +146,7 @@ def disorder_h(kernel: str | None, quick: bool) -> Picture:
         for s in (0.0, 0.001, 0.01, 0.05, 0.2)
     ]
     coarse = logs(1e-4, 0.5, 7 if quick else 15)
-    curves = against_h(shape, cases, logs(1e-4, 0.5, 60), coarse, 0.05 if quick else 0.01)
+    curves = against_h(shape, cases, logs(1e-4, 0.5, 60), coarse, 0.02 if quick else 0.01)
     curves.append(slope(r"$\propto 1/h$", -1, (2e-4, 3e-3), (1e-3, 2e1)))
     panel = Panel(H, ERROR, tuple(curves), legend="upper right")
     caption = rf"Standard gradient, 1D, {shape.name}, $\Delta x/h = 4/11$"
@@ -163,7 +163,7 @@ def disorder_dx(kernel: str | None, quick: bool) -> Picture:
         0.022,
         ratios(0.1, 1.2, 60 if quick else 150),
         ratios(0.1, 1.2, 6 if quick else 12),
-        0.05 if quick else 0.01,
+        0.02 if quick else 0.01,
     )
     curves.append(slope(r"$\propto (\Delta x/h)^{3/2}$", 1.5, (0.11, 0.5), (0.2, 2.0)))
     panel = Panel(DX, ERROR, tuple(curves), legend="lower left")
@@ -176,7 +176,7 @@ def randomness(kernel: str | None, quick: bool) -> Picture:
     shape = parse_kernel(kernel or "polynomial:4")
     sigma, ratio = 0.1, Fraction(1, 2)
     fine, coarse = logs(1e-3, 0.4, 60), logs(1e-3, 0.4, 6 if quick else 12)
-    rtol = 0.05 if quick else 0.01
+    rtol = 0.02 if quick else 0.01
     panels = []
     for title, operator in (("standard form", STANDARD), ("CSPH", CSPH)):
         cases = [
@@ -230,7 +230,7 @@ def first_order(kernel: str | None, quick: bool) -> Picture:
         for label, operator in zip(names, (STANDARD, DIFFERENCE, CSPH, RKPM), strict=True)
     ]
     coarse = logs(1e-4, 0.4, 7 if quick else 14)
-    curves = against_h(shape, cases, logs(1e-4, 0.4, 60), coarse, 0.05 if quick else 0.01)
+    curves = against_h(shape, cases, logs(1e-4, 0.4, 60), coarse, 0.02 if quick else 0.01)
     curves += [
         slope(r"$\propto 1/h$", -1, (2e-4, 3e-3), (1e-3, 30.0)),
         slope(r"$\propto h$", 1, (2e-4, 3e-3), (1e-3, 4e-5)),
@@ -245,7 +245,7 @@ def three_d_standard(kernel: str | None, quick: bool) -> Picture:
     shape = parse_kernel(kernel or "polynomial:4")
     chosen = [Fraction(1, 2), Fraction(7, 10), Fraction(1)]
     cases = [(rf"$\Delta x/h = {float(r):g}$", STANDARD, scene_at(3, r, 0.2)) for r in chosen]
-    rtol = 0.05 if quick else 0.02
+    rtol = 0.03 if quick else 0.02
     left = against_h(shape, cases, logs(1e-3, 0.5, 40), logs(1e-3, 0.5, 6 if quick else 10), rtol)
     left.append(slope(r"$\propto 1/h$", -1, (2e-3, 2e-2), (1e-2, 10.0)))
     rows = [
@@ -276,7 +276,7 @@ def three_d_corrected(kernel: str | None, quick: bool) -> Picture:
     """Standard, difference and CSPH in 3D at σ/Δx = 0.2."""
     shape = parse_kernel(kernel or "polynomial:4")
     forms = [("standard", STANDARD), ("difference", DIFFERENCE), ("CSPH", CSPH), ("RKPM-1", RKPM)]
-    rtol = 0.05 if quick else 0.02
+    rtol = 0.03 if quick else 0.02
     cases = [(label, operator, scene_at(3, Fraction(7, 10), 0.2)) for label, operator in forms]
     left = against_h(shape, cases, logs(1e-3, 0.5, 30), logs(1e-3, 0.5, 6 if quick else 10), rtol)
     left.append(slope(r"$\propto h$", 1, (2e-3, 2e-2), (1e-2, 3e-4)))
@@ -310,7 +310,7 @@ def second_derivatives(kernel: str | None, quick: bool) -> Picture:
     panels = []
     for title, sigma in (("uniform", 0.0), (r"$\sigma/\Delta x = 0.05$", 0.05)):
         cases = [(label, o, scene_at(2, Fraction(1, 2), sigma)) for label, o in forms.items()]
-        curves = against_h(shape, cases, logs(1e-3, 0.4, 50), coarse, 0.05 if quick else 0.01)
+        curves = against_h(shape, cases, logs(1e-3, 0.4, 50), coarse, 0.02 if quick else 0.01)
         panels.append(Panel(H, "rms error / largest exact Laplacian", tuple(curves), title=title))
     caption = rf"Laplacian, 2D, {shape.name}, $\Delta x/h = 1/2$"
     return Picture("second-derivatives", caption, tuple(panels))
