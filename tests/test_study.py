@@ -211,6 +211,54 @@ def test_a_full_disk_ends_with_a_message_and_a_usable_journal(tmp_path):
     assert path.read_bytes() == whole.read_bytes()
 
 
+def test_a_dataset_has_the_axes_as_dimensions(tmp_path):
+    xarray = pytest.importorskip("xarray", reason="NetCDF is written where xarray is installed")
+    study = Study(
+        axes={"jitter": ("0", "0.1"), "h-over-lambda": ("0.01", "0.1", "0.2")},
+        rtol=None,
+        targets=50,
+        predict=False,
+    )
+    rows = sweep(study, tmp_path / "table.nc")
+    with xarray.open_dataset(tmp_path / "table.nc", engine="scipy") as found:
+        assert dict(found.sizes) == {"jitter": 2, "h_over_lambda": 3}
+        assert found.rms.values.ravel().tolist() == [row["rms"] for row in rows]
+        assert found.attrs["kernel"] == "cubic-spline"
+
+
+def test_netcdf_without_xarray_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ValueError, match="pip install xarray"):
+        sweep(SMALL, tmp_path / "table.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_dask_without_distributed_is_told(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(SystemExit) as stop:
+        main(["sweep", "--dask", "127.0.0.1:1"])
+    assert stop.value.code == 2
+    assert "pip install distributed" in capsys.readouterr().err
+
+
+def test_predictions_stand_beside_and_agree():
+    study = Study(
+        axes={
+            "jitter": ("0", "0.1"),
+            "operator": ("gradient", "gradient/difference/csph"),
+            "h-over-lambda": ("0.001", "0.05"),
+        },
+        rtol=None,
+        targets=5000,
+    )
+    for row in sweep(study):
+        spread = (row["rms_high"] - row["rms_low"]) / 2
+        assert abs(row["rms"] - row["predicted"]) <= max(0.05 * row["rms"], 1.5 * spread)
+        assert (row["disorder"] > 0) == (row["jitter"] != "0")
+    (alone,) = sweep(Study(axes={"volume": ("summation",), "jitter": ("0.1",)}, rtol=0.3))
+    assert alone["predicted"] is None  # there is no theory for these volumes here
+
+
 def test_lists_and_ranges():
     assert values("a, b,c") == ("a", "b", "c")
     assert values("0:1:5", numeric=True) == ("0.0", "0.25", "0.5", "0.75", "1.0")

@@ -65,7 +65,15 @@ def _weights(kernel: Kernel, scene: Any, title: str) -> Panel:
         measured(f"SPH, $\\Delta x/h = {ratio:g}$", x, w),
         measured("central difference", [a, 0.0, b], difference),
     )
-    return Panel(OFFSET, r"$w_b\,\Delta x$", curves, title=title, xscale="linear", yscale="linear")
+    return Panel(
+        OFFSET,
+        r"$w_b\,\Delta x$",
+        curves,
+        title=title,
+        xscale="linear",
+        yscale="linear",
+        legend="upper left",
+    )
 
 
 def _wavenumbers(kernel: Kernel, quick: bool) -> Panel:
