@@ -150,9 +150,13 @@ def solve(
         return Plain().solve(matrix, columns, health)  # type: ignore[no-any-return]
     a = [[np.asarray(x) for x in row] for row in matrix]
     with np.errstate(all="ignore"):
-        inverse, size = _inverse(a)
-        norm = sum(x * x for row in a for x in row)
+        # a diagonal of ones first: the axes of a flat cloud differ in scale
+        d = [1.0 / np.sqrt(np.where(a[i][i] != 0.0, np.abs(a[i][i]), 1.0)) for i in range(n)]
+        scaled = [[a[i][j] * d[i] * d[j] for j in range(n)] for i in range(n)]
+        inverse, size = _inverse(scaled)
+        norm = sum(x * x for row in scaled for x in row)
         condition = np.sqrt(norm * size)  # Frobenius: between the condition and n times it
+        inverse = [[inverse[i][j] * d[i] * d[j] for j in range(n)] for i in range(n)]
     bad = np.flatnonzero(~(condition <= _SAFE))
     health.condition = np.maximum(health.condition, np.where(condition <= _SAFE, condition, 0.0))
     result = [

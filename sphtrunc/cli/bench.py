@@ -14,7 +14,7 @@ from sphtrunc.output import emit
     "--suite",
     "suites",
     multiple=True,
-    type=click.Choice(SUITES),
+    type=click.Choice(list(SUITES)),
     help="Which one; may be repeated. Default: all.",
 )
 @click.option("--quick", is_flag=True, help="Small cases, within a minute.")
@@ -32,7 +32,7 @@ def command(
     sphtrunc bench --quick
     sphtrunc bench --suite stability --quick --format json
     """
-    report = bench(suites or SUITES, quick=quick)
+    report = bench(suites, quick=quick)
     emit(report.to_text() if format_ == "text" else report.to_json(), output)
     if pictures is not None:
         from sphtrunc.benchmark_pictures import pictures_of
