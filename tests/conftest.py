@@ -11,5 +11,7 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("deep", parent=settings.get_profile("ci"), derandomize=False, max_examples=20_000)
+settings.register_profile(
+    "deep", parent=settings.get_profile("ci"), derandomize=False, max_examples=20_000
+)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))

@@ -273,8 +273,8 @@ def test_fixed_target_and_finite_displacements() -> None:
 def test_bad_requests() -> None:
     with pytest.raises(ValueError, match="leading law"):
         leading_coefficient(kernel("cubic-spline"), Operator("gradient", "standard", "csph"), (0,))
+    zero = (Fraction(0),) * 3
     with pytest.raises(ValueError, match="blue"):
-        zero = (Fraction(0),) * 3
         predict(
             kernel("cubic-spline"),
             STANDARD,

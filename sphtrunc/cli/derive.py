@@ -5,55 +5,22 @@ from __future__ import annotations
 import click
 
 from sphtrunc.cli import options
-from sphtrunc.operators import CORRECTIONS, OPERATORS
 from sphtrunc.output import emit
 from sphtrunc.theory import derive
-
-_FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in forms))
 
 
 @click.command(name="derive")
 @options.kernel
 @options.dim
-@click.option(
-    "--operator",
-    type=click.Choice(list(OPERATORS)),
-    default="gradient",
-    show_default=True,
-    help="What is estimated.",
-)
-@click.option("--form", type=click.Choice(_FORMS), help="Form of the sum.  [default: A_b as it is]")
-@click.option(
-    "--correction",
-    type=click.Choice(CORRECTIONS),
-    default="none",
-    show_default=True,
-    help="Consistency correction.",
-)
+@options.estimate
 @click.option(
     "--degree", type=int, default=5, show_default=True, help="Highest moment M_k to derive."
 )
-@click.option("--dx-over-h", metavar="P/Q", help="Particle spacing over smoothing length, exact.")
-@click.option(
-    "--offset",
-    metavar="P/Q",
-    default="0",
-    show_default=True,
-    help="Position of the lattice relative to the target, in Δx; x,y,z in space.",
-)
-@click.option(
-    "--lattice",
-    metavar="KIND",
-    help="uniform; square, hexagonal; cubic, bcc, fcc, hcp.  [default: uniform, square, cubic]",
-)
-@click.option("--jitter", metavar="SIGMA", help="Displaced particles, σ/Δx along each axis.")
-@click.option(
-    "--distribution",
-    type=click.Choice(("gaussian", "uniform", "blue")),
-    default="gaussian",
-    show_default=True,
-    help="Of the displacements.",
-)
+@options.dx_over_h
+@options.offset
+@options.lattice
+@options.jitter
+@options.distribution
 @click.option(
     "--volume",
     type=click.Choice(("constant", "cell", "summation")),

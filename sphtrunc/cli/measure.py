@@ -11,52 +11,18 @@ from typing import Any
 import click
 
 from sphtrunc.cli import options
-from sphtrunc.operators import CORRECTIONS, OPERATORS
 from sphtrunc.output import emit
-
-_FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in forms))
 
 
 @click.command(name="measure")
 @options.kernel
 @options.dim
-@click.option(
-    "--operator",
-    type=click.Choice(list(OPERATORS)),
-    default="gradient",
-    show_default=True,
-    help="What is estimated.",
-)
-@click.option("--form", type=click.Choice(_FORMS), help="Form of the sum.  [default: A_b as it is]")
-@click.option(
-    "--correction",
-    type=click.Choice(CORRECTIONS),
-    default="none",
-    show_default=True,
-    help="Consistency correction.",
-)
-@click.option(
-    "--lattice",
-    "kind",
-    metavar="KIND",
-    help="uniform; square, hexagonal; cubic, bcc, fcc, hcp.  [default: uniform, square, cubic]",
-)
-@click.option("--dx-over-h", metavar="P/Q", help="Particle spacing over smoothing length.")
-@click.option(
-    "--offset",
-    metavar="P/Q",
-    default="0",
-    show_default=True,
-    help="Position of the lattice relative to the target, in Δx; x,y,z in space.",
-)
-@click.option("--jitter", metavar="SIGMA", help="Displace particles at random, σ/Δx an axis.")
-@click.option(
-    "--distribution",
-    type=click.Choice(("gaussian", "uniform", "blue")),
-    default="gaussian",
-    show_default=True,
-    help="Of the displacements.",
-)
+@options.estimate
+@options.lattice
+@options.dx_over_h
+@options.offset
+@options.jitter
+@options.distribution
 @click.option(
     "--extent",
     type=int,
@@ -149,9 +115,9 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     from sphtrunc.scene import jittered, lattice
 
     if given["particles"] is not None:
-        for name in ("kind", "dx_over_h", "jitter"):
+        for name in ("lattice", "dx_over_h", "jitter"):
             if given[name] is not None:
-                option = "lattice" if name == "kind" else name.replace("_", "-")
+                option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
         return _read(given)
     for name, option in (("length", "h"), ("period", "period")):
@@ -162,7 +128,7 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     offset = given["offset"]
     made = lattice(
         given["dim"],
-        given["kind"],
+        given["lattice"],
         given["dx_over_h"],
         offset.split(",") if "," in offset else offset,
         volume=given["volume"] or "constant",

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from sphtrunc.operators import CORRECTIONS, OPERATORS
+
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 kernel: Decorator = click.option(
@@ -23,6 +25,59 @@ dim: Decorator = click.option(
 output: Decorator = click.option(
     "-o", "--output", metavar="FILE", help="Write to this file instead of the terminal."
 )
+dx_over_h: Decorator = click.option(
+    "--dx-over-h", metavar="P/Q", help="Particle spacing over smoothing length."
+)
+lattice: Decorator = click.option(
+    "--lattice",
+    metavar="KIND",
+    help="uniform; square, hexagonal; cubic, bcc, fcc, hcp.  [default: uniform, square, cubic]",
+)
+offset: Decorator = click.option(
+    "--offset",
+    metavar="P/Q",
+    default="0",
+    show_default=True,
+    help="Position of the lattice relative to the target, in Δx; x,y,z in space.",
+)
+jitter: Decorator = click.option(
+    "--jitter", metavar="SIGMA", help="Displace particles at random, σ/Δx along each axis."
+)
+distribution: Decorator = click.option(
+    "--distribution",
+    type=click.Choice(("gaussian", "uniform", "blue")),
+    default="gaussian",
+    show_default=True,
+    help="Of the displacements.",
+)
+
+
+def estimate(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--operator, --form and --correction: which SPH sum."""
+    forms = dict.fromkeys(form for _, forms in OPERATORS.values() for form in forms)
+    for option in (
+        click.option(
+            "--correction",
+            type=click.Choice(CORRECTIONS),
+            default="none",
+            show_default=True,
+            help="Consistency correction.",
+        ),
+        click.option(
+            "--form",
+            type=click.Choice(tuple(forms)),
+            help="Form of the sum.  [default: A_b as it is]",
+        ),
+        click.option(
+            "--operator",
+            type=click.Choice(list(OPERATORS)),
+            default="gradient",
+            show_default=True,
+            help="What is estimated.",
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 def formats(*names: str) -> Decorator:

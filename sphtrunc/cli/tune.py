@@ -10,10 +10,7 @@ import click
 
 from sphtrunc import __version__
 from sphtrunc.cli import options
-from sphtrunc.operators import CORRECTIONS, OPERATORS
 from sphtrunc.output import emit
-
-_FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in forms))
 
 
 @click.command(name="tune")
@@ -27,9 +24,7 @@ _FORMS = tuple(dict.fromkeys(form for _, forms in OPERATORS.values() for form in
     help="As for derive; repeat it to compare several at equal cost.",
 )
 @options.dim
-@click.option("--operator", type=click.Choice(list(OPERATORS)), default="gradient")
-@click.option("--form", type=click.Choice(_FORMS), help="Form of the sum.")
-@click.option("--correction", type=click.Choice(CORRECTIONS), default="none", show_default=True)
+@options.estimate
 @click.option("--lattice", metavar="KIND", help="Which lattice is disordered.")
 @click.option("--jitter", type=float, default=0.0, help="Disorder σ/Δx.  [default: 0]")
 @click.option("--error", type=float, help="Wanted: this relative error at λ, at the least cost.")
