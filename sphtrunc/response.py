@@ -323,7 +323,9 @@ class _Particles:
 
 
 def _curvature_at_0(kernel: Kernel) -> bool:
-    return not hasattr(kernel, "pieces") or kernel.pieces[0].diff().eval(0) == 0
+    """Whether Ŵ″(0) exists; a Gaussian has no pieces and is smooth there."""
+    pieces = getattr(kernel, "pieces", ())
+    return not pieces or bool(pieces[0].diff().eval(0) == 0)
 
 
 def _nodes(distribution: str, spread: float, dim: int, moving: bool) -> tuple[Array, Array]:

@@ -20,10 +20,9 @@ from sphtrunc.figures.disorder import (
     scene_at,
     theory,
 )
-from sphtrunc.figures.uniform import DX, H
+from sphtrunc.figures.uniform import DX, H, wave_error
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Field, Panel, Picture, measured, predicted, reference
-from sphtrunc.poisson import response
 from sphtrunc.scene import lattice
 from sphtrunc.tuning import Problem, Setting, best_at_particles
 from sphtrunc.waves import waves
@@ -106,12 +105,9 @@ def _wavenumbers(kernel: Kernel, quick: bool) -> Panel:
 
 
 def _modified(kernel: Kernel, ratio: Fraction, k: Any) -> list[float]:
-    """K Δx/π at kΔx/π, from the reciprocal lattice."""
-    result = []
-    for v in k:
-        first, shells = response(kernel, [pi * float(v) / float(ratio)], "uniform", ratio)
-        result.append(float(v) * (first + sum(shells)).real)
-    return result
+    """K Δx/π at kΔx/π."""
+    errors = wave_error(kernel, ratio, [float(v) / (2 * float(ratio)) for v in k])
+    return [float(v) * (1 + e) for v, e in zip(k, errors, strict=True)]
 
 
 def _irregular(kernel: Kernel, scene: Any, ratio: Fraction, quick: bool) -> Panel:

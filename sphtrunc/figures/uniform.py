@@ -29,27 +29,31 @@ SHELLS = 200  # of the reciprocal lattice
 
 
 def uniform_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) -> list[float]:
-    """The rms over the phase of the relative error of the gradient of a sinusoid, from the
-    reciprocal lattice: |K/k − 1|/√2."""
+    """The rms over the phase of the relative error of the gradient of a sinusoid, |K/k − 1|/√2."""
+    return [abs(e) / sqrt(2) for e in wave_error(kernel, ratio, h_over_lambda)]
+
+
+def wave_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) -> list[float]:
+    """K/k − 1, the relative error of the modified wavenumber, from the reciprocal lattice; from the
+    exact moments for kernels whose reciprocal sum converges too slowly."""
     if kernel.smoothness < 1:
         return [_from_moments(kernel, ratio, 2 * pi * x) for x in h_over_lambda]
     smoothing = smoothing_error(kernel, [2 * pi * x for x in h_over_lambda])
     errors = []
     for x, part in zip(h_over_lambda, smoothing, strict=True):
         _, shells = response(kernel, [2 * pi * x], "uniform", ratio, shells=SHELLS)
-        errors.append(abs(float(part) - sum(shells)) / sqrt(2))
+        errors.append(sum(shells).real - float(part))
     return errors
 
 
 def _from_moments(kernel: Kernel, ratio: Fraction, k: float) -> float:
-    """The same from the exact moments, for kernels whose reciprocal sum converges too slowly:
-    Σ (−1)ⁿ k^{2n}/(2n+1)! M_{2n+1}."""
-    top = degree_of_series(k * float(kernel.support), 1) | 1
+    """Σ (−1)ⁿ k^{2n}/(2n+1)! M_{2n+1} − 1."""
+    top = min(degree_of_series(k * float(kernel.support), 1) | 1, 39)
     discrete = derive(kernel, dx_over_h=ratio, degree=top).discrete
     assert discrete is not None
     errors = {n: float(discrete.error[(n,)]) for n in range(1, top + 1, 2)}
     total = sum((-1) ** (n // 2) * k ** (n - 1) / factorial(n) * e for n, e in errors.items())
-    return abs(float(total)) / sqrt(2)
+    return float(total)
 
 
 def seen(
@@ -155,10 +159,10 @@ def uniform_discretisation(kernel: str | None, quick: bool) -> Picture:
         curves.append(
             _points(shape, aligned, length, rf"$\Delta x/h = 2\kappa/n$, $h/\lambda = {length:g}$")
         )
-    edge = [abs(edge_term(shape, float(r))) / sqrt(2) for r in fine]
-    curves.append(
-        predicted(r"$2\kappa/n$: leading term of the edge alone", [float(r) for r in fine], edge)
-    )
+    if shape.boundary_smoothness < 100:  # an infinite Gaussian has no edge
+        edge = [abs(edge_term(shape, float(r))) / sqrt(2) for r in fine]
+        label = r"$2\kappa/n$: leading term of the edge alone"
+        curves.append(predicted(label, [float(r) for r in fine], edge))
     panel = Panel(DX, ERROR, tuple(curves), ylim=(1e-8, 10), legend="upper left")
     caption = f"Uniform particles in 1D, {shape.name}"
     return Picture("uniform-discretisation", caption, (panel,))
@@ -186,6 +190,7 @@ def kernel_comparison(kernel: str | None, quick: bool) -> Picture:
     families = {
         "B-splines": ["b-spline:3", "cubic-spline", "quartic-spline", "quintic-spline"],
         "polynomials": [f"polynomial:{beta}" for beta in (0, 1, 2, 4, 6)],
+        "Gaussian": ["gaussian", "gaussian:2", "gaussian:3"],
         "Wendland": ["wendland-c2-1d", "wendland-c4-1d", "wendland-c6-1d", "wendland-c2"],
     }
     if kernel is not None:
