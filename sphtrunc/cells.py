@@ -119,7 +119,7 @@ def _count(x: Any, begin: int, end: int, grid: Any, counts: Any, keys: Any, hist
     for i in range(begin, end):
         key = 0
         for axis in range(dim - 1, -1, -1):
-            key = key * counts[axis] + _cell(x[axis, i], grid[0, axis], grid[1, axis], counts[axis])
+            key = key * counts[axis] + _cell(x[axis][i], grid[0, axis], grid[1, axis], counts[axis])
         keys[i] = key
         histogram[key] += 1
 
@@ -170,15 +170,15 @@ class Sorted:
     order: Any
 
 
-def grid_for(x: Array, reach: float) -> tuple[Array, Any]:
-    """Cells for positions (d, n): origin and 1/size, (2, d), and their number along each axis.
+def grid_for(x: tuple[Array, ...], reach: float) -> tuple[Array, Any]:
+    """Cells for positions, d rows of (n,): origin and 1/size, (2, d), and how many along each axis.
 
     Columns as wide as the reach or a whole part of it, so that eight particles fill a cube of a
     column; along the column short cells. Widened until there are at most 4 n of them.
     """
-    dim, n = x.shape
-    low = x.min(axis=1)
-    extent = np.maximum(x.max(axis=1) - low, 0.0)
+    dim, n = len(x), x[0].size
+    low = np.array([row.min() for row in x])
+    extent = np.array([row.max() for row in x]) - low
     floor = np.maximum(extent, reach)
     volume = float(np.prod(floor / reach))  # in units of the reach
     if not np.isfinite(volume):
@@ -198,8 +198,8 @@ def sort(
 ) -> Sorted:
     """Sort particles, given as columns of n numbers (positions first), into cells: stable, so that
     the result depends on no number of threads."""
-    x = np.stack(columns[:dim])
-    n = x.shape[1]
+    x = columns[:dim]
+    n = x[0].size
     grid, counts = grid_for(x, reach)
     cells = int(np.prod(counts))
     keys = np.empty(n, dtype=np.int32)
@@ -274,13 +274,13 @@ def sums(
     return out
 
 
-def crowd(x: Array, reach: Array) -> float:
+def crowd(x: tuple[Array, ...], reach: Array) -> float:
     """How many particles share the cells that a target looks into, on average (sampled)."""
     grid, counts = grid_for(x, float(reach.max()))
-    some = x[:, :: max(1, x.shape[1] // 65536)]
-    keys = np.zeros(some.shape[1], dtype=np.int64)
-    for axis in range(x.shape[0] - 1, -1, -1):
+    some = [row[:: max(1, row.size // 65536)] for row in x]
+    keys = np.zeros(some[0].size, dtype=np.int64)
+    for axis in range(len(x) - 1, -1, -1):
         cell = np.clip((some[axis] - grid[0, axis]) * grid[1, axis], 0, counts[axis] - 1)
         keys = keys * counts[axis] + cell.astype(np.int64)
     _, number = np.unique(keys, return_counts=True)
-    return float((number.astype(np.float64) ** 2).sum() / keys.size * x.shape[1] / keys.size)
+    return float((number.astype(np.float64) ** 2).sum() / keys.size * x[0].size / keys.size)

@@ -70,7 +70,7 @@ def threads(workers: int | None) -> int:
     return workers
 
 
-def pair_sums(
+def one_pass(
     scene: Particles,
     kernel: Kernel,
     keys: Iterable[Key] = (),
@@ -84,8 +84,8 @@ def pair_sums(
     quantum: float = 0.0,
     workers: int | None = None,
     engine: str | None = None,
-) -> PairSums:
-    """One pass over the pairs of an explicit scene.
+) -> Pass:
+    """One pass over the pairs of an explicit scene; its sums are read out by `Pass.sums`.
 
     keys: base sums (δ, α), as from `Operator.needed`
     fields: values at the particles, (n,) or (F, n); field_keys: the (δ, α) they are summed with
@@ -130,7 +130,7 @@ def pair_sums(
     if name == "numba":
         from sphtrunc import cells
 
-        if engine is None and cells.crowd(np.stack(columns[: scene.dim]), reach) > _CROWD:
+        if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
     if name == "numba":
         out = cells.sums(task, columns, own, reach, wanted, number)
@@ -138,7 +138,45 @@ def pair_sums(
         from sphtrunc import neighbours
 
         out = neighbours.sums(task, columns, own, reach, wanted, number)
-    return _gathered(task, out[:, chosen], per_h[chosen], chosen, keys, field_keys, name)
+    return Pass(task, out, per_h, chosen, keys, field_keys, name)
+
+
+def pair_sums(
+    scene: Particles, kernel: Kernel, keys: Iterable[Key] = (), **options: Any
+) -> PairSums:
+    """The sums of all targets of `one_pass`, whose arguments these are."""
+    return one_pass(scene, kernel, keys, **options).sums()
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What an engine summed, before it is read: radial sums in rows, (rows, n).
+
+    targets: indices (T,), or the slice of all
+    """
+
+    plan: Plan
+    rows: Array
+    per_h: Array
+    targets: Any
+    keys: list[Key]
+    field_keys: list[Key]
+    engine: str
+
+    def sums(self, part: slice = slice(None)) -> PairSums:
+        """The sums of these targets; raises ValueError where they overflow."""
+        everyone = isinstance(self.targets, slice)
+        chosen = part if everyone else self.targets[part]
+        index = np.arange(*part.indices(self.per_h.size)) if everyone else chosen
+        return _gathered(
+            self.plan,
+            self.rows[:, chosen],
+            self.per_h[chosen],
+            index,
+            self.keys,
+            self.field_keys,
+            self.engine,
+        )
 
 
 def _gathered(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.arithmetic import MOST_CONDITION, Health, Plain
-from sphtrunc.engine import pair_sums, pairs_with_terms, threads, volumes
+from sphtrunc.engine import one_pass, pair_sums, pairs_with_terms, threads, volumes
 from sphtrunc.fields import Sample, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block
@@ -87,7 +87,7 @@ def estimates(
             raise ValueError("degree: moments of the symmetric form depend on the field's density")
         density = scene.mass / volumes(scene, kernel)
         values = np.concatenate([values.reshape(count, -1) / density, density[None]])
-    sums = pair_sums(
+    summed = one_pass(
         scene,
         kernel,
         dict.fromkeys(keys),
@@ -99,7 +99,8 @@ def estimates(
         workers=workers,
         engine=engine,
     )
-    index = np.arange(scene.population)[sums.targets]
+    index = np.arange(scene.population)[summed.targets]
+    neighbours, others = np.empty((2, index.size), dtype=np.int64)
     out = np.empty((count, len(shape), index.size))
     moments = (
         {a: np.empty(index.size) for a in multi_indices(dim, degree)} if degree is not None else {}
@@ -109,8 +110,9 @@ def estimates(
     def finish(first: int) -> None:
         part = slice(first, first + _BLOCK)
         health = Health()
-        base = {key: row[part] for key, row in sums.base.items()}
-        weighted = {key: rows[:, part] for key, rows in sums.fields.items()}
+        sums = summed.sums(part)
+        base, weighted = sums.base, sums.fields
+        neighbours[part], others[part] = sums.neighbours, sums.others
         found = operator.coefficients(base, dim, partial(solve, health=health))
         for c, row in enumerate(found):
             for f in range(count):
@@ -129,7 +131,7 @@ def estimates(
         moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
     if operator.uses_difference and operator.derivatives == 0:
         out += values[:count, None, index]
-    return Estimates(index, out, moments, sums.neighbours, sums.others, condition)
+    return Estimates(index, out, moments, neighbours, others, condition)
 
 
 def _structure(operator: Operator, dim: int) -> list[dict[Key, Any]]:
