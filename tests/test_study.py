@@ -187,6 +187,27 @@ def test_killed_and_repeated_it_ends_with_the_same_bytes(tmp_path, workers):
     assert not journal.exists()
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_it_says_how_to_go_on(tmp_path, workers):
+    path, journal = tmp_path / "table.csv", tmp_path / "table.csv.journal"
+    command = [*COMMAND, "--dim", "2", "--targets", "5000", "--workers", str(workers)]
+    process = subprocess.Popen(
+        [*command, "-o", str(path)], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not (
+        journal.exists() and journal.read_bytes().count(b"\n") > 2
+    ):
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does, workers included
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1].startswith("interrupted")
+    assert "repeat to go on" in said
+    assert "Traceback" not in said
+    assert journal.read_bytes().count(b"\n") > 2
+
+
 LIMITED = """
 import resource, sys
 from sphtrunc.cli import main
