@@ -161,12 +161,12 @@ def disorder_dx(kernel: str | None, quick: bool) -> Picture:
         shape,
         cases,
         0.022,
-        ratios(0.1, 1.2, 60 if quick else 150),
+        ratios(0.1, 1.2, 200),
         ratios(0.1, 1.2, 6 if quick else 12),
         0.02 if quick else 0.01,
     )
     curves.append(slope(r"$\propto (\Delta x/h)^{3/2}$", 1.5, (0.11, 0.5), (0.2, 2.0)))
-    panel = Panel(DX, ERROR, tuple(curves), legend="lower left")
+    panel = Panel(DX, ERROR, tuple(curves), legend="lower left", ylim=(2e-5, 20))
     caption = rf"Standard gradient, 1D, {shape.name}, $h/\lambda = 0.022$"
     return Picture("disorder-dx", caption, (panel,))
 
