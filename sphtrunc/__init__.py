@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from sphtrunc.comparison import compare as compare
     from sphtrunc.comparison import predict_error as predict_error
     from sphtrunc.derivation import Derivation as Derivation
+    from sphtrunc.engine import pair_sums as pair_sums
+    from sphtrunc.estimates import weights as weights
     from sphtrunc.experiment import measure as measure
     from sphtrunc.fields import field as field
     from sphtrunc.fields import polynomial as polynomial
@@ -47,10 +49,12 @@ _PUBLIC = {
     "kernel": "parse",
     "lattice": "scene",
     "measure": "experiment",
+    "pair_sums": "engine",
     "particles": "particles",
     "polynomial": "fields",
     "predict_error": "comparison",
     "sinusoid": "fields",
+    "weights": "estimates",
 }
 
 __all__ = [
@@ -68,10 +72,12 @@ __all__ = [
     "kernel",
     "lattice",
     "measure",
+    "pair_sums",
     "particles",
     "polynomial",
     "predict_error",
     "sinusoid",
+    "weights",
 ]
 
 
