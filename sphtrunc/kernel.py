@@ -293,7 +293,7 @@ def _mass(kernel: Kernel, dim: int) -> Rational:
 
 @lru_cache(maxsize=256)
 def _jumps(kernel: Kernel) -> list[dict[Rational, Rational]]:
-    return jumps(kernel.knots, kernel.pieces, parity=1)
+    return jumps(kernel.knots, steps(kernel.knots, kernel.pieces), parity=1)
 
 
 def _piece(piece: object) -> Poly:
@@ -320,25 +320,31 @@ def valuation(piece: Poly, point: Rational) -> int | float:
     return count
 
 
+def steps(knots: Sequence[Rational], pieces: Sequence[Poly]) -> list[list[Rational]]:
+    """Taylor coefficients of f(p + t) − f(p⁻ + t) in t at every knot p >= 0, with f(0⁻) = 0."""
+    zero = Poly(0, q, domain=QQ)
+    changes = [right - left for left, right in pairwise([zero, *pieces, zero])]
+    return [list(reversed(s.shift(k).all_coeffs())) for k, s in zip(knots, changes, strict=True)]
+
+
 def jumps(
-    knots: Sequence[Rational], pieces: Sequence[Poly], parity: int
+    knots: Sequence[Rational], taylor: Sequence[Sequence[Rational]], parity: int
 ) -> list[dict[Rational, Rational]]:
     """Jumps of a piecewise polynomial: entry m holds those of the m-th derivative, knot -> jump.
 
-    f is given by its pieces on q >= 0 and continued by f(−s) = parity · f(s); then
+    f is given by its `steps` at q >= 0 and continued by f(−s) = parity · f(s); then
     [f^{(m)}](−p) = −(−1)^m parity [f^{(m)}](p), and at the origin (1 − (−1)^m parity) f^{(m)}(0⁺).
     """
-    zero = Poly(0, q, domain=QQ)
-    steps = [right - left for left, right in pairwise([zero, *pieces, zero])]
-    orders = 1 + max(int(p.degree()) for p in pieces if not p.is_zero) if any(pieces) else 0
-    taylor = [list(reversed(s.shift(k).all_coeffs())) for k, s in zip(knots, steps, strict=True)]
+    orders = max(len(c) for c in taylor)
+    line = [*(-knot for knot in knots[:0:-1]), *knots]
+    none = Rational(0)  # most jumps are zero: nothing is multiplied for them
     result = []
     for m in range(orders):
         mirror = -parity * (-1) ** m
-        right = [factorial(m) * c[m] if m < len(c) else Rational(0) for c in taylor]
-        at = {-knot: mirror * jump for knot, jump in zip(knots[:0:-1], right[:0:-1], strict=True)}
-        at[knots[0]] = (1 + mirror) * right[0]
-        result.append({**at, **dict(zip(knots[1:], right[1:], strict=True))})
+        right = [factorial(m) * c[m] if m < len(c) and c[m] else none for c in taylor]
+        left = [mirror * jump if jump else none for jump in right[:0:-1]]
+        right[0] *= 1 + mirror
+        result.append(dict(zip(line, left + right, strict=True)))
     return result
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 
@@ -12,6 +11,8 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
 
     Raises ValueError, naming the file and the reason, where that is not possible.
     """
+    import tempfile
+
     target = Path(path)
     data = text.encode() if isinstance(text, str) else text
     temporary: str | None = None

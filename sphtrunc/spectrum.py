@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.kernel import Kernel, dimension, jumps
+from sphtrunc.kernel import Kernel, dimension, jumps, steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -217,7 +217,7 @@ def terms(kernel: Kernel, dim: int, m: int = 0) -> Terms:
 
     factor = kernel.normalisation(dim) * (1 if dim == 1 else 2 * exact_pi)
     result: Terms = {}
-    for a, at in enumerate(jumps(kernel.knots, kernel.pieces, 1), start=1):
+    for a, at in enumerate(jumps(kernel.knots, steps(kernel.knots, kernel.pieces), 1), start=1):
         for p, jump in at.items():
             if p >= 0 and jump:
                 c = _fraction(factor * jump)

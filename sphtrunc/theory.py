@@ -23,7 +23,7 @@ from sympy import QQ, Expr, Poly, Rational, factorial, floor, radsimp
 
 from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
 from sphtrunc.derivation import Derivation, Orders, Term
-from sphtrunc.kernel import Kernel, dimension, jumps, q, rational
+from sphtrunc.kernel import Kernel, dimension, jumps, q, rational, steps
 from sphtrunc.lattice_sums import continuous_sum, lattice_sums, laurent, parts
 from sphtrunc.moments import Moments, MultiIndex, unit
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator
@@ -32,6 +32,7 @@ from sphtrunc.parse import kernel as parse_kernel
 if TYPE_CHECKING:
     from sphtrunc.gaussian import Gaussian
 
+_FIRST = {BROOKSHAW: 1, FATEHI_MANZARI: 3}  # the first k for which s^k Ŵ′/|s|, … has no pole
 MAX_DEGREE = 40  # of the moments that are derived
 
 
@@ -263,8 +264,26 @@ def euler_maclaurin(
     moment that difference forms do not have, and nothing is returned; else f is 0 there, as it
     should be without the particle at the target.
     """
-    if k < {BROOKSHAW: 1, FATEHI_MANZARI: 3}.get(term, 0):
+    if k < _FIRST.get(term, 0):
         return ()
+    parity = (-1) ** (k if isinstance(term, str) else k + term[0])
+    sigma = kernel.normalisation(1)
+    result = []
+    for m, at in enumerate(jumps(kernel.knots, _steps(kernel, term, k), parity)):
+        scale = sigma * (-1) ** m / factorial(m + 1)
+        result += [(m + 1, p, scale * jump) for p, jump in at.items() if jump != 0]
+    return tuple(result)
+
+
+@lru_cache(maxsize=4096)
+def _steps(kernel: Kernel, term: Any, k: int) -> list[list[Rational]]:
+    """The steps of f at the knots: from its pieces, or from those of s^{k−1} times s = p + t."""
+    if k > _FIRST.get(term, 0):
+        lower = _steps(kernel, term, k - 1)
+        return [
+            [p * c + d for c, d in zip([*row, 0], [0, *row], strict=True)]
+            for p, row in zip(kernel.knots, lower, strict=True)
+        ]
     rows = parts((term, (k,)))
     pieces = []
     for i in range(len(kernel.pieces)):
@@ -275,13 +294,7 @@ def euler_maclaurin(
                 total[j + power] = total.get(j + power, Rational(0)) + value
         total = {j: c for j, c in total.items() if c}
         pieces.append(Poly({(j,): c for j, c in total.items()} or 0, q, domain=QQ))
-    parity = (-1) ** (k if isinstance(term, str) else k + term[0])
-    sigma = kernel.normalisation(1)
-    result = []
-    for m, at in enumerate(jumps(kernel.knots, pieces, parity)):
-        scale = sigma * (-1) ** m / factorial(m + 1)
-        result += [(m + 1, p, scale * jump) for p, jump in at.items() if jump != 0]
-    return tuple(result)
+    return steps(kernel.knots, pieces)
 
 
 def euler_maclaurin_sums(
