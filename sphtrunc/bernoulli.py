@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from sympy import QQ, Expr, Poly, Rational, Symbol, bernoulli, floor, radsimp
+from sympy import Expr, Poly, Rational, Symbol, floor, radsimp
+from sympy.polys.appellseqs import bernoulli_poly
 
 _x = Symbol("x")
 
@@ -21,7 +22,7 @@ def periodic_bernoulli(n: int, x: Expr) -> Expr:
 
 @cache
 def _bernoulli(n: int) -> Poly:
-    return Poly(bernoulli(n, _x), _x, domain=QQ)
+    return bernoulli_poly(n, _x, polys=True)
 
 
 def phased(row: Mapping[Rational, Any], n: int, theta: Rational) -> dict[Rational, Any]:
