@@ -35,10 +35,11 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        gc.disable()  # an import leaves no garbage, and looking for it is a tenth of its time
+        gc.disable()  # an import leaves no garbage; looking for it, then and at the end, takes time
         try:
             command = import_module(f"sphtrunc.cli.{cmd_name}").command
         finally:
+            gc.freeze()
             gc.enable()
         assert isinstance(command, click.Command)
         return command
