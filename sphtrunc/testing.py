@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.audit import Audit, audit
+from sphtrunc.audit.recognition import same_shape
 from sphtrunc.kernel import Kernel
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.recognition import same_shape
 
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy

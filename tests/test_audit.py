@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import sphtrunc.faults as slips
+import sphtrunc
+import sphtrunc.audit.faults as slips
 from sphtrunc import kernel
 from sphtrunc.audit import PUBLISHED, audit, audit_formula, audit_list, audit_table
-from sphtrunc.recognition import conventions, profiles
+from sphtrunc.audit.recognition import conventions, profiles
 from sphtrunc.testing import assert_kernel
 
 PI = math.pi
@@ -410,4 +411,4 @@ def test_every_report_can_be_written_in_every_format():
 
 
 def test_the_list_is_part_of_the_package():
-    assert Path(PUBLISHED).parent.name == "sphtrunc"
+    assert Path(PUBLISHED).parent == Path(sphtrunc.__file__).with_name("audit")

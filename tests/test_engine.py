@@ -11,9 +11,8 @@ import pytest
 from mpmath import mp
 
 import sphtrunc
-from sphtrunc import neighbours
 from sphtrunc.arithmetic import Health
-from sphtrunc.engine import available, pair_sums
+from sphtrunc.engine import available, neighbours, pair_sums
 from sphtrunc.estimates import estimates, solve, weights
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Operator
 from sphtrunc.particles import particles

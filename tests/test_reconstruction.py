@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sphtrunc import kernel
+from sphtrunc.audit.reconstruction import reconstruct
 from sphtrunc.kernel import Kernel
-from sphtrunc.reconstruction import reconstruct
 
 NAMES = [
     "cubic-spline",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sphtrunc
-from sphtrunc import accuracy, bench, stability
+from sphtrunc.bench import accuracy, stability, suites
 from sphtrunc.cli import main
 from sphtrunc.engine import pair_sums
 from sphtrunc.particles import particles
@@ -128,10 +128,10 @@ def test_the_front_holds_what_nothing_beats() -> None:
 
 
 def test_the_pair_list_that_we_race_against_is_right() -> None:
-    scene = bench.box(7, 1.2)
+    scene = suites.box(7, 1.2)
     field = np.sin(scene.x[0])
-    found = bench._once(scene, field).values[0] / 1.2
-    other = bench.query_pairs(np.ascontiguousarray(scene.x.T), 1.2, field)
+    found = suites._once(scene, field).values[0] / 1.2
+    other = suites.query_pairs(np.ascontiguousarray(scene.x.T), 1.2, field)
     assert np.abs(found - other).max() < 1e-13
 
 
@@ -154,4 +154,4 @@ def test_bench_reports_what_was_asked_for(capsys, tmp_path) -> None:
 
 def test_an_unknown_suite_is_refused() -> None:
     with pytest.raises(ValueError, match="suite: got 'speed', expected one of engine"):
-        bench.bench(["speed"])
+        suites.bench(["speed"])

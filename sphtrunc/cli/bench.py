@@ -35,7 +35,7 @@ def command(
     report = bench(suites, quick=quick)
     emit(report.to_text() if format_ == "text" else report.to_json(), output)
     if pictures is not None:
-        from sphtrunc.benchmark_pictures import pictures_of
+        from sphtrunc.bench.pictures import pictures_of
         from sphtrunc.plot import save
 
         for picture in pictures_of(report):

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.accuracy import precision, work_precision
+from sphtrunc.bench.accuracy import precision, work_precision
+from sphtrunc.bench.report import Report, Table, alternately, machine, spread
+from sphtrunc.bench.stability import stability
 from sphtrunc.engine import available, pair_sums, threads
 from sphtrunc.estimates import estimates
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.particles import Particles, particles
-from sphtrunc.report import Report, Table, alternately, machine, spread
-from sphtrunc.stability import stability
 
 # --------------------------------------------------------------------------------------- engine
 
@@ -281,9 +281,9 @@ def _first_call() -> Table:
     import tempfile
 
     code = (
-        "import time; import numpy as np, numba; from sphtrunc import bench;"
-        "s = bench.box(12, 1.2); f = s.x[0].copy(); start = time.perf_counter();"
-        "bench._once(s, f, engine='numba', workers=1); print(time.perf_counter() - start)"
+        "import time; import numpy as np, numba; from sphtrunc.bench import suites;"
+        "s = suites.box(12, 1.2); f = s.x[0].copy(); start = time.perf_counter();"
+        "suites._once(s, f, engine='numba', workers=1); print(time.perf_counter() - start)"
     )
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"NUMBA_CACHE_DIR": folder}

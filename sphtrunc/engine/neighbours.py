@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sphtrunc.pairs import MOST, Bounded, Plan, pair_terms, row_counts
+from sphtrunc.engine.pairs import MOST, Bounded, Plan, pair_terms, row_counts
 from sphtrunc.summation import Array, compensated_total, total, total_error
 
 _PAIRS = 1 << 15  # of one block
@@ -85,7 +85,7 @@ def pairs_of(
 def sums(
     plan: Plan, columns: tuple[Array, ...], own: Array, reach: Array, wanted: Any, workers: int
 ) -> Array:
-    """As `sphtrunc.cells.sums`."""
+    """As `cells.sums`."""
     population = own.shape[1]
     out = np.zeros((row_counts(plan)[2], population))
     x, reach = _scaled(columns[: plan.dim], reach)

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from sympy import Expr, Rational, pi, sqrt
 
 from sphtrunc import catalogue
+from sphtrunc.audit.reconstruction import fixed, magnitudes, reconstruct, values
+from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples, node_spacing
 from sphtrunc.constants import DIGITS, number
 from sphtrunc.kernel import Kernel
-from sphtrunc.reconstruction import fixed, magnitudes, reconstruct, values
-from sphtrunc.samples import DOUBLE, SINGLE, Samples, node_spacing
 
 Array = NDArray[np.floating[Any]]
 

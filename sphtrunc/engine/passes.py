@@ -1,8 +1,8 @@
-"""Pair engine for explicit particles: every sum that operators need, in one pass over the pairs.
+"""Passes over the pairs of explicit particles: every sum that operators need, in one of them.
 
-Two engines evaluate the same formula (`sphtrunc.pairs`): one compiled by Numba (`sphtrunc.cells`,
-the extra `fast`), one on NumPy and SciPy (`sphtrunc.neighbours`). Both sum the neighbours of a
-target in an order that depends on the particles alone.
+Two engines evaluate the same formula (`pairs`): one compiled by Numba (`cells`, the extra `fast`),
+one on NumPy and SciPy (`neighbours`). Both sum the neighbours of a target in an order that depends
+on the particles alone.
 """
 
 from __future__ import annotations
@@ -16,8 +16,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.engine.pairs import (
+    COUNT,
+    MOST,
+    UNIT,
+    Plan,
+    Term,
+    base_sum,
+    needed_terms,
+    plan,
+    radial_terms,
+)
 from sphtrunc.operators import Key
-from sphtrunc.pairs import COUNT, MOST, UNIT, Plan, Term, base_sum, needed_terms, plan, radial_terms
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array, dd_add, two_sum
 
@@ -128,14 +138,14 @@ def one_pass(
     number = threads(workers)
     name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
-        from sphtrunc import cells
+        from sphtrunc.engine import cells
 
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
     if name == "numba":
         out = cells.sums(task, columns, own, reach, wanted, number)
     else:
-        from sphtrunc import neighbours
+        from sphtrunc.engine import neighbours
 
         out = neighbours.sums(task, columns, own, reach, wanted, number)
     return Pass(task, out, per_h, chosen, keys, field_keys, name)
@@ -344,7 +354,7 @@ def pairs_with_terms(
 ) -> tuple[Any, Any, Mapping[Key, Array]]:
     """Every pair within the support: number of the target in `targets`, particle, and for each
     (δ, γ) the term (−1)^{|δ|} V_b/h^d s^γ ∂^δŴ; (P,) each, a block of targets after the other."""
-    from sphtrunc import neighbours
+    from sphtrunc.engine import neighbours
 
     task = plan(
         kernel,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from sphtrunc.bench.report import Report, Table
 from sphtrunc.plot import Panel, Picture, measured, predicted
-from sphtrunc.report import Report, Table
 
 
 def pictures_of(report: Report) -> Iterator[Picture]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc.bench.report import Table
 from sphtrunc.engine import available, pair_sums
 from sphtrunc.estimates import estimates
 from sphtrunc.experiment import measure
@@ -19,7 +20,6 @@ from sphtrunc.moments import multi_indices, unit
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.particles import Particles, particles
-from sphtrunc.report import Table
 from sphtrunc.scene import jittered, lattice
 from sphtrunc.summation import UNIT, Array
 

@@ -15,9 +15,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sphtrunc.engine.radial import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
 from sphtrunc.moments import MultiIndex, add
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key
-from sphtrunc.radial import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel

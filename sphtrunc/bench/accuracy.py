@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc.bench.report import Table, alternately
 from sphtrunc.experiment import measure
 from sphtrunc.fields import sinusoid
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.report import Table, alternately
 from sphtrunc.scene import jittered, lattice
 from sphtrunc.summation import Array, compensated_dot, dd, dd_mul, dd_total, dot
 from sphtrunc.tuning import exponents

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import QQ, Expr, Integer, Poly, Rational, pi
 
+from sphtrunc.audit.recognition import ANALYTIC, Analytic, Match, conventions, profiles
+from sphtrunc.audit.reconstruction import reconstruct
+from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples
 from sphtrunc.constants import DIGITS, number, recognise
 from sphtrunc.kernel import SPHERE, Kernel, q
-from sphtrunc.recognition import ANALYTIC, Analytic, Match, conventions, profiles
-from sphtrunc.reconstruction import reconstruct
-from sphtrunc.samples import DOUBLE, SINGLE, Samples
 
 Array = NDArray[np.floating[Any]]
 

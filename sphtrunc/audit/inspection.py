@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import Expr
 
+import sphtrunc.audit.faults as slips
 from sphtrunc import __version__
-from sphtrunc import faults as slips
-from sphtrunc.constants import Constant, constant, number
-from sphtrunc.faults import Fault
-from sphtrunc.kernel import SPHERE, Kernel, dimension
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.recognition import (
+from sphtrunc.audit.faults import Fault
+from sphtrunc.audit.recognition import (
     ANALYTIC,
     Analytic,
     Match,
@@ -28,8 +25,11 @@ from sphtrunc.recognition import (
     exact_match,
     recognise_samples,
 )
-from sphtrunc.reconstruction import fixed, values
-from sphtrunc.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load
+from sphtrunc.audit.reconstruction import fixed, values
+from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load
+from sphtrunc.constants import Constant, constant, number
+from sphtrunc.kernel import SPHERE, Kernel, dimension
+from sphtrunc.parse import kernel as parse_kernel
 
 SCHEMA = "sphtrunc.audit/1"
 PUBLISHED = Path(__file__).with_name("published.toml")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from sphtrunc.lanes import (
+from sphtrunc.engine.lanes import (
     WIDTH,
     add_pair,
     empty_sums,
@@ -25,7 +25,7 @@ from sphtrunc.lanes import (
     load_targets,
     store_sums,
 )
-from sphtrunc.pairs import Plan, row_counts
+from sphtrunc.engine.pairs import Plan, row_counts
 from sphtrunc.summation import Array
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}

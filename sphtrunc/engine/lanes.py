@@ -25,7 +25,7 @@ from numba.extending import (
     unbox,
 )
 
-from sphtrunc.pairs import MOST, UNIT, Plan, pair_terms, row_counts
+from sphtrunc.engine.pairs import MOST, UNIT, Plan, pair_terms, row_counts
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()
