@@ -103,12 +103,17 @@ class Plain:
 
 
 class Scaled:
-    """Inverses of matrices (T, n, n) by singular values, after scaling rows and columns to 1."""
+    """Inverses of matrices (T, n, n) by singular values, after scaling: the diagonal to 1, which
+    for a positive definite matrix is within a factor n of the best there is (van der Sluis 1969,
+    doi:10.1007/BF02165096), and then rows and columns to 1, for those whose diagonal is small."""
 
     def __init__(self, a: Array, health: Health) -> None:
-        size = np.abs(a)
+        unit = np.sqrt(_inverse_size(np.abs(np.diagonal(a, axis1=1, axis2=2))))
+        unit = np.where(unit > 0.0, unit, 1.0)
+        size = np.abs(a) * unit[:, :, None] * unit[:, None, :]
         row = _inverse_size(size.max(axis=2))
-        column = _inverse_size((size * row[:, :, None]).max(axis=1))
+        column = unit * _inverse_size((size * row[:, :, None]).max(axis=1))
+        row = unit * row
         scaled = a * row[:, :, None] * column[:, None, :]
         u, values, v = np.linalg.svd(scaled)
         least = values[:, -1]

@@ -219,7 +219,9 @@ class Bounded:
         off = np.abs(np.eye(n) - inverse @ a) + gamma * (np.eye(n) + np.abs(inverse) @ np.abs(a))
         e = (off + np.abs(inverse) @ wide).sum(axis=2).max(axis=1) * SLACK
         safe = np.where(e < 1.0, e, 0.0)
-        spread = (safe / (1.0 - safe))[:, None, None] * (rest + linear).max(axis=1, keepdims=True)
+        with np.errstate(invalid="ignore"):  # where a radius is infinite already
+            spread = (rest + linear).max(axis=1, keepdims=True)
+            spread = (safe / (1.0 - safe))[:, None, None] * spread
         radius = np.where((e < 1.0)[:, None, None], (rest + spread) * SLACK, np.inf)
         return [
             [
