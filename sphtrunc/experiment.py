@@ -343,7 +343,13 @@ def measure(
                 else:
                     blocks.append(whole)
             else:
-                _until(scene, operator, rtol, targets, most, seed, blocks, run)
+                if targets is not None:
+                    raise ValueError("targets: got targets and rtol; expected one of them")
+
+                def width() -> float:
+                    return relative_width(squares(blocks, operator, scene.dim))
+
+                until(width, rtol, scene, most, seed, run)
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
             if not blocks:
@@ -352,29 +358,25 @@ def measure(
     return gathered(task, blocks, interrupted, time.perf_counter() - started)
 
 
-def _until(
-    scene: Scene,
-    operator: Operator,
+def until(
+    width: Callable[[], float],
     rtol: float,
-    targets: object,
+    scene: Scene,
     most: int,
     seed: int,
-    blocks: list[Block],
     run: Callable[[Indices, int], None],
 ) -> None:
-    """Draw targets until the statistic is known to `rtol`; how many depends on nothing else."""
-    if targets is not None:
-        raise ValueError("targets: got targets and rtol; expected one of them")
+    """Draw targets, and run them, until the statistic whose relative width is `width()` is known to
+    `rtol`; how many depends on nothing else."""
     if not 1e-6 <= rtol < 1:
         raise ValueError(f"rtol: got {rtol:g}, expected a number from 1e-6 to below 1")
     limit = min(most, scene.population)
     done, goal = 0, min(FIRST, limit)
     while done < goal:
         run(sample(scene, done, goal, seed), goal)
-        done = goal
-        width = relative_width(squares(blocks, operator, scene.dim))
-        if width > rtol:
-            wanted = int(1.05 * done * (width / rtol) ** 2) + FIRST // 8
+        done, found = goal, width()
+        if found > rtol:
+            wanted = int(1.05 * done * (found / rtol) ** 2) + FIRST // 8
             goal = min(limit, 8 * done, wanted)
 
 

@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.arithmetic import Health, Plain
-from sphtrunc.experiment import CELLS, FIRST, Task, _chosen
+from sphtrunc.experiment import CELLS, Task, _chosen, until
 from sphtrunc.fields import Sinusoid, sinusoid
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
 from sphtrunc.operators import FATEHI_MANZARI, Operator
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.scene import Indices, Lattice, Scene, sample
+from sphtrunc.scene import Indices, Lattice, Scene
 from sphtrunc.summation import Array
 from sphtrunc.sums import _terms
 
@@ -89,20 +89,15 @@ def waves(
             chosen = _chosen(scene, targets, seed)
             run(chosen, chosen.size)
         else:
-            if not 1e-6 <= rtol < 1:
-                raise ValueError(f"rtol: got {rtol:g}, expected a number from 1e-6 to below 1")
-            limit = min(most, scene.population)
-            done, goal = 0, min(FIRST, limit)
-            while done < goal:
-                run(sample(scene, done, goal, seed), goal)
-                done = goal
-                width = max(
+
+            def width() -> float:
+                return max(
                     relative_width(squares(row, operator, scene.dim))
                     for rows, operator in zip(found, operators, strict=True)
                     for row in rows
                 )
-                if width > rtol:
-                    goal = min(limit, 8 * done, int(1.05 * done * (width / rtol) ** 2) + 256)
+
+            until(width, rtol, scene, most, seed, run)
     seconds = (time.perf_counter() - started) / (len(operators) * max(1, len(fields)))
     return [
         [gathered(task, row, False, seconds) for task, row in zip(tasks_of, rows, strict=True)]

@@ -1,4 +1,4 @@
-"""Hypothesis strategies: random kernels, ratios, offsets, and texts that mean no good."""
+"""What tests draw from: operators; random kernels, ratios, offsets; texts that mean no good."""
 
 from __future__ import annotations
 
@@ -8,6 +8,25 @@ from itertools import pairwise
 from hypothesis import strategies as st
 
 from sphtrunc import Kernel
+from sphtrunc.operators import Operator
+
+#: operators of every sort on scalar fields
+OPERATORS = [
+    Operator("value"),
+    Operator("value", "difference"),
+    Operator("value", "difference", "shepard"),
+    Operator("gradient"),
+    Operator("gradient", "difference"),
+    Operator("gradient", "symmetric"),
+    Operator("gradient", "standard", "shepard"),
+    Operator("gradient", "difference", "csph"),
+    Operator("gradient", "standard", "rkpm-1"),
+    Operator("gradient", "standard", "rkpm-2"),
+    Operator("laplacian", "brookshaw"),
+    Operator("laplacian", "difference"),
+    Operator("laplacian", "fatehi-manzari"),
+    Operator("hessian", "difference"),
+]
 
 
 def rationals(low: int = -4, high: int = 4, denominator: int = 12) -> st.SearchStrategy[Fraction]:

@@ -6,6 +6,7 @@ from fractions import Fraction
 from math import pi, sqrt
 
 import pytest
+from strategies import OPERATORS
 
 from sphtrunc.disorder import leading_coefficient
 from sphtrunc.lattice import DEFAULT
@@ -17,21 +18,6 @@ from sphtrunc.scene import jittered, lattice
 from sphtrunc.spectrum import smoothing_error
 from sphtrunc.waves import waves
 
-OPERATORS = [
-    Operator("value"),
-    Operator("value", "difference"),
-    Operator("gradient"),
-    Operator("gradient", "difference"),
-    Operator("gradient", "symmetric"),
-    Operator("gradient", "standard", "shepard"),
-    Operator("gradient", "difference", "csph"),
-    Operator("gradient", "standard", "rkpm-1"),
-    Operator("gradient", "standard", "rkpm-2"),
-    Operator("laplacian", "brookshaw"),
-    Operator("laplacian", "difference"),
-    Operator("laplacian", "fatehi-manzari"),
-    Operator("hessian", "difference"),
-]
 LENGTHS = (1e-3, 0.02, 0.1, 0.3)
 SHAPE = kernel("polynomial:4")
 

@@ -6,6 +6,7 @@ from math import exp, pi
 
 import numpy as np
 import pytest
+from strategies import OPERATORS
 
 from sphtrunc.experiment import measure
 from sphtrunc.fields import sinusoid
@@ -13,21 +14,6 @@ from sphtrunc.operators import Operator
 from sphtrunc.scene import graded, jittered, lattice
 from sphtrunc.waves import LONGEST, waves
 
-OPERATORS = [
-    Operator("value"),
-    Operator("value", "difference", "shepard"),
-    Operator("gradient"),
-    Operator("gradient", "difference"),
-    Operator("gradient", "symmetric"),
-    Operator("gradient", "standard", "shepard"),
-    Operator("gradient", "difference", "csph"),
-    Operator("gradient", "standard", "rkpm-1"),
-    Operator("gradient", "standard", "rkpm-2"),
-    Operator("laplacian", "brookshaw"),
-    Operator("laplacian", "difference"),
-    Operator("laplacian", "fatehi-manzari"),
-    Operator("hessian", "difference"),
-]
 LENGTHS = (1e-4, 0.02, 0.3, 1.5)  # the last is beyond the series
 UNIT = 2.0**-53
 
