@@ -28,7 +28,7 @@ def test_every_figure_stands_beside_its_prediction() -> None:
         assert 0.93 < row["std_ratio"] < 1.07
     error = predicted["error"]
     assert 0.95 < error["ratio"] < 1.05
-    assert error["ratio"] == pytest.approx(data["error"]["rms"] / error["total"])
+    assert error["ratio"] == pytest.approx(data["error"]["rms"] / error["total"], rel=2.0**-53)
     assert "predicted" not in json.loads(measured(*options, "--no-predict"))
 
 

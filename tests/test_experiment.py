@@ -768,6 +768,25 @@ def test_degenerate_neighbours_are_flagged_where_the_correction_needs_them(
         assert neighbours > 0
 
 
+@pytest.mark.parametrize("correction", ["csph", "rkpm-1"])
+@pytest.mark.parametrize("thin", [1.0, 1e-2, 1e-6, 1e-10])
+def test_a_flat_cloud_keeps_its_digits(correction: str, thin: float) -> None:
+    """Flattened along y its matrix is as well conditioned as before, and M is as good: 1 for x and
+    0 for y, on the scale of the cloud, to u times the condition and a few roundings."""
+    rng = np.random.default_rng(11)
+    x = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0), indexing="ij")).reshape(2, -1)
+    x = (x + 0.2 * rng.standard_normal(x.shape)) * np.array([[1.0], [thin]])
+    form = "difference" if correction == "csph" else "standard"
+    scene = particles(x.T, h=2.6, volume=1.0)
+    # with a bound: not by the cofactors that sums of values alone are corrected by
+    found = measure(scene, "cubic-spline", form=form, correction=correction, moments=1, bound=True)
+    assert found.flagged == 0
+    assert found.condition.max() < 20
+    allowed = 16 * U * found.condition.max()
+    assert np.abs(found.moments[1, 0] - 1).max() <= allowed
+    assert np.abs(found.moments[0, 1]).max() <= allowed * thin
+
+
 WRONG: dict[str, dict[str, Any]] = {
     "operator": {"operator": "grad"},
     "form": {"form": "odd"},

@@ -58,9 +58,11 @@ def test_constants(name: str, dim: int) -> None:
     step = 1e-5
     inside = x[(x > 0.1) & (np.abs(x - (gauss.cut or 9)) > 0.05)]
     numeric = (gauss.w(inside + step, dim) - gauss.w(inside - step, dim)) / (2 * step)
-    assert np.allclose(gauss.dw(inside, dim), numeric, atol=1e-9)
+    # |∂⁴(5/2 − q²) e^{−q²}| <= 54, σ <= 1/√π; values good to 4 u
+    allowed = 54 * 0.57 * step**2 / 6 + 8 * 2.0**-53 / step
+    assert np.allclose(gauss.dw(inside, dim), numeric, rtol=0, atol=allowed)
     numeric = (gauss.dw(inside + step, dim) - gauss.dw(inside - step, dim)) / (2 * step)
-    assert np.allclose(gauss.d2w(inside, dim), numeric, atol=1e-9)
+    assert np.allclose(gauss.d2w(inside, dim), numeric, rtol=0, atol=allowed)
 
 
 def test_exact_constants() -> None:
