@@ -25,7 +25,7 @@ from sphtrunc.response import Split, predict_waves
 
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 MOST_NEIGHBOURS = {1: 200, 2: 1000, 3: 4000}
-GRID = 33  # values of Δx/h that are looked at first
+GRID = {1: 129, 2: 49, 3: 33}  # values of Δx/h that are looked at first: dips are narrow in 1D
 LENGTHS = 25  # values of h/λ that are looked at for a wanted error
 LONGEST, SHORTEST = 0.5, 1e-5  # h/λ
 FINEST = 10**6  # Δx/h is a rational of at most this denominator
@@ -165,45 +165,34 @@ def best_at_error(problem: Problem, kernel: Kernel | str, error: float) -> Setti
     shape = parse_kernel(kernel)
     if not 0 < error < 1:
         raise ValueError(f"error: got {error:g}, expected a relative error between 0 and 1")
-    lengths = np.geomspace(SHORTEST, LONGEST, LENGTHS)
-    places = []
-    for logarithm in _grid(problem, shape)[::2]:
-        splits = problem.split(shape, exp(logarithm), list(lengths))
-        x = None if splits is None else _crossing(lengths, [s.total for s in splits], error)
-        if x is not None:
-            places.append((-log(x) - 2 * logarithm, logarithm, x))
-    if not places:
+
+    def cost(logarithm: float) -> float:
+        x = _longest(problem, shape, exp(logarithm), error)
+        return float("inf") if x is None else -log(x) - 2 * logarithm
+
+    logarithm = _minimum(cost, _grid(problem, shape))
+    x = _longest(problem, shape, exp(logarithm), error)
+    if x is None:
         raise ValueError(
             f"error: {error:g} is not reached by {shape.name} with at most"
             f" {MOST_NEIGHBOURS[problem.dim]} neighbours; expected a larger error, less disorder,"
             " or a form of higher consistency"
         )
-    _, logarithm, x = min(places)
-    around = [logarithm + d for d in np.linspace(-0.12, 0.12, 5)]
-    found = setting(problem, shape, exp(logarithm), x)
-    for _ in range(6):  # the cost at which the least error is the one wanted, by secants
-        found = _at_cost(problem, shape, found.cost, around)
-        if 0.97 * error <= found.error.total <= error:
-            break
-        power = 2.0 if found.error.smoothing > found.error.disorder else 1.0
-        factor = (found.error.total / (0.985 * error)) ** (problem.dim / power)
-        found = setting(
-            problem, shape, found.dx_over_h, found.h_over_lambda * factor ** (-1 / problem.dim)
-        )
-        around = [log(found.dx_over_h) + d for d in np.linspace(-0.06, 0.06, 5)]
-    return found
+    return setting(problem, shape, exp(logarithm), x)
 
 
-def _crossing(x: Any, y: Sequence[float], level: float) -> float | None:
-    """The largest x at which y is the level, y being linear in the logarithms between points."""
-    fit = [i for i, value in enumerate(y) if value <= level]
-    if not fit:
-        return None
-    i = fit[-1]
-    if i + 1 == len(y):
-        return float(x[i])
-    part = (log(level) - log(y[i])) / (log(y[i + 1]) - log(y[i]))
-    return float(x[i] * (x[i + 1] / x[i]) ** part)
+def _longest(problem: Problem, kernel: Kernel, r: float, error: float) -> float | None:
+    """The largest h/λ at which the error is not larger than wanted, to 0.2 %; None if there is none
+    between the limits."""
+    lengths = np.geomspace(SHORTEST, LONGEST, LENGTHS)
+    while True:
+        splits = problem.split(kernel, r, [float(x) for x in lengths])
+        fit = [i for i, s in enumerate(splits or ()) if s.total <= error]
+        if not fit:
+            return None
+        if fit[-1] + 1 == len(lengths) or lengths[1] < 1.002 * lengths[0]:
+            return float(lengths[fit[-1]])
+        lengths = np.geomspace(lengths[fit[-1]], lengths[fit[-1] + 1], 5)
 
 
 def _least(
@@ -231,23 +220,26 @@ def _grid(problem: Problem, kernel: Kernel) -> list[float]:
     dim = problem.dim
     kappa = float(kernel.support)
     least = kappa * (float(BALL[dim]) / MOST_NEIGHBOURS[dim]) ** (1 / dim)
-    return [float(v) for v in np.linspace(log(least), log(0.95 * kappa), GRID)]
+    return [float(v) for v in np.linspace(log(least), log(0.95 * kappa), GRID[dim])]
 
 
 def _minimum(function: Callable[[float], float], grid: Sequence[float]) -> float:
-    """Where the function is least: on the grid, then on finer ones around the best place."""
-    values = [function(v) for v in grid]
-    best = int(np.argmin(values))
-    place, value = grid[best], values[best]
-    step = grid[1] - grid[0]
-    for _ in range(4):
-        for candidate in (place - step / 2, place - step / 4, place + step / 4, place + step / 2):
-            found = function(candidate)
-            if found < value:
-                best_place, value = candidate, found
-                place = best_place
-        step /= 3
-    return place
+    """Where the function is least: on the grid, then on finer ones around its lowest valleys."""
+    values = [float("inf"), *(function(v) for v in grid), float("inf")]
+    valleys = [
+        (values[i], grid[i - 1])
+        for i in range(1, len(grid) + 1)
+        if values[i - 1] >= values[i] <= values[i + 1]
+    ]
+    found = []
+    for value, place in sorted(valleys)[:2]:
+        step = (grid[1] - grid[0]) / 2
+        for _ in range(5):
+            near = [(function(v), v) for v in (place - step, place + step)]
+            value, place = min((value, place), *near)
+            step /= 2
+        found.append((value, place))
+    return min(found)[1]
 
 
 # ------------------------------------------------------------------------------------ convergence
