@@ -6,12 +6,10 @@ a volume λ^d, C = V_d κ^d x^{−d} r^{−2d}; particles alone are λ/Δx = 1/(
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from math import exp, log
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,16 +27,6 @@ GRID = {1: 129, 2: 49, 3: 33}  # values of Δx/h that are looked at first: dips 
 LENGTHS = 25  # values of h/λ that are looked at for a wanted error
 LONGEST, SHORTEST = 0.5, 1e-5  # h/λ
 FINEST = 10**6  # Δx/h is a rational of at most this denominator
-
-ADVICE = {
-    "smoothing": "take a smaller h (at the same Δx/h: more particles), or a kernel of smaller"
-    " second moment",
-    "discretisation": "take more neighbours (a smaller Δx/h), or a smoother kernel",
-    "disorder": "take a form that is consistent of higher order, more neighbours, or particles in"
-    " better order; a smaller h at equal neighbours does not help the standard form",
-    "rounding": "take a larger h, the difference form, or compensated sums and offsets in place of"
-    " coordinates",
-}
 
 
 @dataclass(frozen=True)
@@ -235,8 +223,11 @@ def _minimum(function: Callable[[float], float], grid: Sequence[float]) -> float
     for value, place in sorted(valleys)[:2]:
         step = (grid[1] - grid[0]) / 2
         for _ in range(5):
-            near = [(function(v), v) for v in (place - step, place + step)]
-            value, place = min((value, place), *near)
+            near = [(value, place)]
+            for v in (place - step, place + step):
+                if grid[0] <= v <= grid[-1]:
+                    near.append((function(v), v))
+            value, place = min(near)
             step /= 2
         found.append((value, place))
     return min(found)[1]
@@ -264,12 +255,12 @@ def exponents(operator: Operator, dim: int) -> Exponents:
     """
     dim = dimension(dim)
     j = operator.consistency + 1
-    s = _smoothing_power(operator)
+    s = smoothing_power(operator)
     p = Fraction(2 + dim, 2 * (s - j + operator.derivatives) + 2 + dim)
     return Exponents(p, s * p, 1 - p)
 
 
-def _smoothing_power(operator: Operator) -> int:
+def smoothing_power(operator: Operator) -> int:
     """Of h, in the continuous limit of a symmetric kernel: 2, and 4 for RKPM-2 and RKPM-3."""
     degree = operator.polynomial_degree or 0
     return 4 if degree >= 2 else 2
@@ -285,69 +276,3 @@ def walk(
     h = np.log([s.h_over_lambda for s in settings])
     error = np.log([s.error.total for s in settings])
     return settings, float(np.polyfit(dx, h, 1)[0]), float(np.polyfit(dx, error, 1)[0])
-
-
-# ---------------------------------------------------------------------------------- explanations
-
-
-def explain(
-    problem: Problem, kernel: Kernel | str, rows: Sequence[tuple[float, float, float]]
-) -> list[dict[str, Any]]:
-    """What dominates the error of somebody's runs: rows (Δx/λ, h/λ, error).
-
-    Each row gets its predicted error and parts, the part that dominates, and what to change.
-
-    Raises ValueError for lengths that are not positive, or too few neighbours.
-    """
-    shape = parse_kernel(kernel)
-    result = []
-    for dx, h, error in rows:
-        if not (dx > 0 and h > 0):
-            raise ValueError(f"table: got Δx = {dx:g}, h = {h:g}, expected positive lengths")
-        here = setting(problem, shape, dx / h, h)
-        result.append(
-            {
-                "dx_over_lambda": dx,
-                "h_over_lambda": h,
-                "neighbours": here.neighbours,
-                "error": error,
-                "predicted": here.error.total,
-                **{part: getattr(here.error, part) for part in PARTS},
-                "dominant": here.dominant,
-                "advice": ADVICE[here.dominant],
-            }
-        )
-    return result
-
-
-def read_table(file: str | Path, dim: int, wavelength: float) -> list[tuple[float, float, float]]:
-    """Rows (Δx/λ, h/λ, error) of a CSV table with the columns dx (or n, the number of particles in
-    a volume λ^d), h and error.
-
-    Raises ValueError for a table that cannot be read, with the line.
-    """
-    if not 0 < wavelength < float("inf"):
-        raise ValueError(f"wavelength: got {wavelength:g}, expected a positive length")
-    try:
-        text = Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as failure:
-        raise ValueError(f"table {file}: {failure}") from None
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    names = {name.strip().lower(): name for name in reader.fieldnames or [] if name}
-    if "h" not in names or not {"dx", "n"} & set(names):
-        raise ValueError(f"table {file}: expected columns dx (or n), h and error")
-    rows: list[tuple[float, float, float]] = []
-    for number, row in enumerate(reader, start=2):
-        try:
-            h = float(row[names["h"]]) / wavelength
-            if "dx" in names:
-                dx = float(row[names["dx"]]) / wavelength
-            else:
-                dx = float(row[names["n"]]) ** (-1 / dim)
-            error = float(row[names["error"]]) if "error" in names else float("nan")
-        except (TypeError, ValueError, ZeroDivisionError):
-            raise ValueError(f"table {file}: line {number} is not a row of numbers") from None
-        rows.append((dx, h, error))
-    if not rows:
-        raise ValueError(f"table {file}: expected at least one row")
-    return rows

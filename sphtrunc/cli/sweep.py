@@ -110,7 +110,8 @@ def _dask(address: str, stack: ExitStack) -> Any:
     except ImportError:
         raise ValueError("dask: distributed is not installed; pip install distributed") from None
     try:
-        client = stack.enter_context(Client(address, timeout=10))
+        connect: Any = Client  # untyped
+        client = stack.enter_context(connect(address, timeout=10))
     except OSError as error:
         raise ValueError(f"dask: no scheduler at {address}: {error}") from None
     return client.get_executor(retries=3)

@@ -12,6 +12,8 @@ from sphtrunc import __version__
 from sphtrunc.cli import options
 from sphtrunc.output import emit
 
+PARTS = ("smoothing", "discretisation", "disorder", "rounding")
+
 
 @click.command(name="tune")
 @click.option(
@@ -35,13 +37,15 @@ from sphtrunc.output import emit
 @click.option(
     "--pairs-per-second", type=float, default=2e8, help="Speed of the code.  [default: 2e8]"
 )
-@click.option("--box", type=float, default=1.0, help="Side of the box in λ.  [default: 1]")
+@click.option("--box", type=float, default=1.0, help="Side of the box, in λ.  [default: 1]")
 @click.option(
     "--now",
     metavar="NAME=X",
     help="The present setting, in any convention of convert: hdx=1.2, neighbours=57, eta=1.23 …",
 )
-@click.option("--table", metavar="FILE", help="Explain runs: a CSV of dx (or n), h and error.")
+@click.option(
+    "--table", metavar="FILE", help="Explain runs: a CSV of dx (or n in the box), h, error."
+)
 @click.option("--wavelength", type=float, default=1.0, help="λ in the unit of the table.")
 @options.formats("text", "json")
 @options.output
@@ -66,14 +70,14 @@ def command(**given: Any) -> None:
 def _document(given: dict[str, Any]) -> dict[str, Any]:
     from sphtrunc.operators import Operator
     from sphtrunc.parse import kernel as parse_kernel
+    from sphtrunc.plateau import advice
     from sphtrunc.tuning import (
+        MOST_NEIGHBOURS,
         Problem,
         best_at_cost,
         best_at_error,
         best_at_particles,
-        explain,
         exponents,
-        read_table,
         setting,
     )
 
@@ -96,16 +100,18 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         "version": __version__,
     }
     kernels = [parse_kernel(name) for name in given["kernels"]]
-    if given["table"] is not None:
-        rows = read_table(given["table"], dim, given["wavelength"])
-        return {**document, "kernel": kernels[0].name, "runs": explain(problem, kernels[0], rows)}
-    wanted = [n for n in ("error", "particles_per_wavelength", "particles", "pairs", "seconds")
-              if given[n] is not None]  # fmt: skip
-    if len(wanted) != 1:
+    wanted = [name for name in _AIMS if given[name] is not None]
+    if len(wanted) + (given["table"] is not None) != 1:
+        aims = ", ".join("--" + name.replace("_", "-") for name in (*_AIMS, "table"))
+        got = " and ".join("--" + name.replace("_", "-") for name in wanted)
         raise click.UsageError(
-            f"got {len(wanted)} aims, expected one of --error, --particles-per-wavelength,"
-            " --particles, --pairs, --seconds, or --table FILE"
+            f"got {got + ' and --table' * (given['table'] is not None) or 'no aim'}, expected"
+            f" exactly one of {aims}"
         )
+    if given["table"] is not None:
+        if len(kernels) > 1 or given["now"] is not None:
+            raise click.UsageError("--table explains runs of one kernel, without --now")
+        return {**document, "kernel": kernels[0].name, **_runs(given, problem, kernels[0])}
     (aim,) = wanted
     box, value = given["box"], given[aim]
     if not box > 0 or not value > 0 or not given["pairs_per_second"] > 0:
@@ -121,11 +127,14 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         best = best_at_particles(problem, first, n)
     found = [best, *(best_at_cost(problem, k, best.cost) for k in kernels[1:])]
     document["recommended"] = [s.to_dict() for s in sorted(found, key=lambda s: s.error.total)]
+    document["most_neighbours"] = MOST_NEIGHBOURS[dim]
+    document["pairs_per_second"] = given["pairs_per_second"]
     document["seconds"] = best.cost * box**dim / given["pairs_per_second"]
     if given["now"] is not None:
         ratio = _present(given["now"], first, dim)
         now = setting(problem, first, ratio, 1 / (best.particles * ratio))
-        document["now"] = now.to_dict()
+        document["now"] = {"given": given["now"], **now.to_dict()}
+        document["advice"] = advice(problem, now.dominant)
         document["loss"] = {
             "error": now.error.total / best_at_particles(problem, first, now.particles).error.total,
             "at_equal_cost": now.error.total / best_at_cost(problem, first, now.cost).error.total,
@@ -143,17 +152,27 @@ def _present(text: str, kernel: Any, dim: int) -> float:
     return float(convert(kernel, dim, **{name.strip(): value.strip()})["dx-over-h"])
 
 
+_AIMS = ("error", "particles_per_wavelength", "particles", "pairs", "seconds")
+
+
+def _runs(given: dict[str, Any], problem: Any, kernel: Any) -> dict[str, Any]:
+    """The runs of a table, and what is found of them."""
+    from sphtrunc.plateau import explain, findings, read_table
+
+    rows = read_table(given["table"], problem.dim, given["wavelength"], given["box"])
+    runs = explain(problem, kernel, rows)
+    return {"runs": runs, "findings": findings(problem, kernel, runs)}
+
+
 _HEAD = (
-    f"{'kernel':<13}{'Δx/h':>7}{'h/λ':>8}{'λ/Δx':>7}{'neighb.':>8}{'pairs/λ^d':>10}{'error':>9}"
-    "  =smooth.  discret. disorder rounding"
+    f"{'kernel':<13}{'Δx/h':>7}{'h/λ':>8}{'λ/Δx':>7}{'neighb.':>8}{'pairs':>10}{'error':>9}"
+    "   smooth. discret. disorder rounding"
 )
 
 
 def _line(row: dict[str, Any]) -> str:
     error = row["error"]
-    parts = " ".join(
-        f"{error[n]:>8.1e}" for n in ("smoothing", "discretisation", "disorder", "rounding")
-    )
+    parts = " ".join(f"{error[part]:>8.1e}" for part in PARTS)
     return (
         f"{row['kernel'][:12]:<13}{row['dx_over_h']:>7.4f}{row['h_over_lambda']:>8.4g}"
         f"{row['particles']:>7.4g}{row['neighbours']:>8.4g}{row['cost']:>10.3g}"
@@ -161,38 +180,87 @@ def _line(row: dict[str, Any]) -> str:
     )
 
 
+def _share(x: float) -> str:
+    """A relative error as it is said."""
+    return f"{100 * x:.{2 if x < 1 else 3}g} %" if 1e-5 <= x < 10 else f"{x:.2g}"
+
+
+def _count(x: float) -> str:
+    return f"{x:.3g}" if x < 1000 else f"{x:.0f}" if x < 1e6 else f"{x:.2e}"
+
+
+def _made_of(error: dict[str, float]) -> str:
+    """The parts that matter, the largest first."""
+    parts = sorted(PARTS, key=lambda part: -error[part])
+    said = ", ".join(f"{n} {_share(error[n])}" for n in parts if error[n] > 0.05 * error[parts[0]])
+    opposed = error["total"] < 0.95 * error[parts[0]]
+    return said + (" (of opposite signs)" if opposed else "")
+
+
 def _text(document: dict[str, Any]) -> str:
-    path = document["path"]
+    dim, sigma = document["dim"], document["jitter"]
+    corrected = "" if document["correction"] == "none" else f", {document['correction']}"
     lines = [
-        f"{document['operator']} ({document['form']} form, correction {document['correction']}),"
-        f" {document['dim']}D, disorder σ/Δx = {document['jitter']:g}",
+        f"{document['operator']}, {document['form']} form{corrected}, {dim}D,"
+        f" particles {f'displaced by σ/Δx = {sigma:g}' if sigma else 'on a lattice'}",
+        "",
     ]
     if "runs" in document:
-        lines.append(
-            f"{'Δx/λ':>9}{'h/λ':>10}{'neighb.':>9}{'error':>11}{'predicted':>11}  dominated by"
+        return "\n".join([*lines, *_table(document["runs"]), "", *_said(document["findings"])])
+    best = document["recommended"][0]
+    found = [
+        f"Take {best['kernel']} with h = {1 / best['dx_over_h']:.3g} Δx: Δx/h ="
+        f" {best['dx_over_h']:.3g}, {_count(best['neighbours'])} neighbours, and"
+        f" {best['particles']:.3g} particles per wavelength, so h = {best['h_over_lambda']:.3g} λ.",
+        f"Its error at λ is {_share(best['error']['total'])} (rms, of the largest exact value):"
+        f" {_made_of(best['error'])}.",
+        f"It takes {_count(best['cost'])} pairs per λ{'  ²³'[dim].strip()}:"
+        f" {document['seconds']:.2g} s for the box at {document['pairs_per_second']:.3g} pairs/s.",
+    ]
+    if best["neighbours"] > 0.97 * document["most_neighbours"]:
+        found.append(
+            f"No more neighbours than {document['most_neighbours']} are looked at: with the same"
+            " particles and still more the error may fall further."
         )
-        for run in document["runs"]:
-            lines.append(
-                f"{run['dx_over_lambda']:>9.4g}{run['h_over_lambda']:>10.4g}{run['neighbours']:>9.4g}"
-                f"{run['error']:>11.3e}{run['predicted']:>11.3e}  {run['dominant']}"
-            )
-        advice = dict.fromkeys((run["dominant"], run["advice"]) for run in document["runs"])
-        for part, says in advice:
-            lines += wrap(f"{part}: {says}", 100, subsequent_indent="  ")
-        return "\n".join(lines)
-    lines += [_HEAD, *(_line(row) for row in document["recommended"])]
-    lines.append(f"One evaluation of the box: about {document['seconds']:.3g} s")
-    if "now" in document:
-        lines += ["Now, at the same number of particles", _line(document["now"])]
-        loss = document["loss"]
-        lines += [
-            f"  error {loss['error']:.2f} times the least for these particles,"
-            f" {loss['at_equal_cost']:.2f} times the least for these pairs",
-            f"  dominated by {document['now']['dominant']}",
-        ]
     if document["jitter"]:
-        lines.append(
-            f"Path at this disorder: h ∝ Δx^{path['h']}, error ∝ Δx^{path['error']},"
-            f" neighbours ∝ N^{path['neighbours']}"
+        h, error, neighbours = (_power(document["path"][n]) for n in ("h", "error", "neighbours"))
+        found.append(
+            f"Finer particles: keep h ∝ Δx^{h}; then the error falls as Δx^{error} and neighbours"
+            f" grow as N^{neighbours}."
+        )
+    lines += [*_said(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
+    if "now" in document:
+        now, loss = document["now"], document["loss"]
+        lines += [_line({**now, "kernel": "now"}), ""]
+        lines += _said(
+            [
+                f"Now ({now['given']}, {now['kernel']}, as many particles): the error is"
+                f" {_share(now['error']['total'])}, {loss['error']:.3g} times the least for these"
+                f" particles and {loss['at_equal_cost']:.3g} times the least for these pairs."
+                f" It is mostly {now['dominant']}. {document['advice']}"
+            ]
         )
     return "\n".join(lines)
+
+
+def _power(text: str) -> str:
+    return f"({text})" if "/" in text else text
+
+
+def _table(runs: list[dict[str, Any]]) -> list[str]:
+    lines = [
+        f"{'Δx/λ':>9}{'h/λ':>9}{'neighb.':>8}{'error':>10}{'predicted':>10}"
+        "   smooth. discret. disorder rounding  mostly"
+    ]
+    for run in runs:
+        error = "-" if run["error"] is None else f"{run['error']:.2e}"
+        parts = " ".join(f"{run[part]:>8.1e}" for part in PARTS)
+        lines.append(
+            f"{run['dx_over_lambda']:>9.3g}{run['h_over_lambda']:>9.3g}{run['neighbours']:>8.4g}"
+            f"{error:>10}{run['predicted']:>10.2e}  {parts}  {run['dominant']}"
+        )
+    return lines
+
+
+def _said(sentences: list[str]) -> list[str]:
+    return [line for text in sentences for line in wrap(text, 100, subsequent_indent="  ")]
