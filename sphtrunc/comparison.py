@@ -11,19 +11,16 @@ import numpy as np
 
 from sphtrunc.disorder import Prediction, predict
 from sphtrunc.experiment import measure
-from sphtrunc.fields import Sinusoid
+from sphtrunc.fields import Polynomial, Sinusoid, polynomial
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Measurement
 from sphtrunc.moments import MultiIndex, label
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.propagation import mixing, propagate
-from sphtrunc.response import Split, predict_waves
+from sphtrunc.response import Split, predict_fields
 from sphtrunc.scene import Jittered, Lattice, Scene
+from sphtrunc.signals import Signals, Taylor, Waves
 from sphtrunc.summation import UNIT
-from sphtrunc.theory import continuous_moments
-
-MOST_DEGREE = 6  # of the derivatives of a field
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -46,12 +43,9 @@ def predict_moments(
 ) -> Prediction:
     """Predicted mean and standard deviation of the moments of the first component.
 
-    Raises ValueError where there is no theory: see `rule`; and for the symmetric form on disordered
-    particles, whose densities differ.
+    Raises ValueError where there is no theory: see `rule`.
     """
     lattice, sigma, distribution = rule(scene)
-    if operator.form == "symmetric" and sigma:
-        raise ValueError("form: there is no theory for the symmetric form on disordered particles")
     return predict(
         parse_kernel(kernel),
         operator,
@@ -130,76 +124,49 @@ def predict_error(
     kernel: Kernel | str,
     operator: Operator,
     scene: Scene,
-    field: Sinusoid | Mapping[MultiIndex, float],
+    field: Sinusoid | Polynomial | Mapping[MultiIndex, float],
 ) -> Split:
-    """The predicted error of an estimate, split into its parts.
+    """The predicted rms error of an estimate, all its components together, split into its parts.
 
-    field: a sinusoid along the first axis: rms over phases and displacements, relative to the
-        largest exact derivative; or the derivatives h^{|α|} A^{(α)} at the target of any field, α
-        up to degree 6: rms over displacements, relative to the derivative that is estimated, or as
-        it is if that is zero.
+    field: a sinusoid in any direction: rms over phases and displacements; or any field by its
+        derivatives at the target, α -> h^{|α|} A^{(α)}, in units of h: a derivative taken in other
+        units of length is to be multiplied by h^{|α|} in these. Those not named are zero. A
+        polynomial is the same, with c_α = h^{|α|} A^{(α)}/α!.
+
+    The error is relative to the largest exact derivative of the order of the operator, as `measure`
+    has it: of a sinusoid over all phases, of other fields at the target (or to 1 if all are zero).
 
     Raises ValueError where there is no theory for the scene, and for fields of another kind.
     """
     kernel = parse_kernel(kernel)
     lattice, sigma, distribution = rule(scene)
+    signals: Signals
     if isinstance(field, Sinusoid):
-        if any(field.direction[1:]):
-            raise ValueError("field: expected a sinusoid along the first axis")
-        return predict_waves(
-            kernel,
-            operator,
-            lattice.kind,
-            lattice.dx_over_h,
-            lattice.offset,
-            [field.h_over_lambda],
-            sigma=sigma,
-            distribution=distribution,
-            volume=lattice.volume,
-        )[0]
-    if not isinstance(field, Mapping):
-        raise ValueError(
-            f"field: got {type(field).__name__}, expected a sinusoid or a mapping from"
-            " multi-indices to derivatives"
-        )
-    return _of_derivatives(kernel, operator, lattice, sigma, distribution, field)
-
-
-def _of_derivatives(
-    kernel: Kernel,
-    operator: Operator,
-    lattice: Lattice,
-    sigma: float,
-    distribution: str,
-    field: Mapping[MultiIndex, float],
-) -> Split:
-    """Σ_α (M_α − M_α^exact) A^{(α)} h^{|α|}/α! of the first component, and its spread."""
-    dim = lattice.dim
-    degree = max((sum(a) for a in field), default=0)
-    if not field or degree > MOST_DEGREE or any(len(a) != dim for a in field):
-        raise ValueError(
-            f"field: expected multi-indices of {dim} entries and of degree {MOST_DEGREE} at most"
-        )
-    target = operator.target(dim)
-    scale = abs(sum(field.get(mu, 0.0) for mu in target)) or 1.0
-    factor = {a: v / prod(factorial(n) for n in a) for a, v in field.items()}
-    arguments = (kernel, operator, lattice.kind, lattice.dx_over_h, lattice.offset)
-    still = predict(*arguments, volume=lattice.volume, degree=degree).mean
-    limit = continuous_moments(kernel, operator, dim, degree)
-
-    def error(moments: Mapping[MultiIndex, Any]) -> float:
-        return sum(f * float(moments[a] - target.get(a, 0)) for a, f in factor.items())
-
-    whole, smooth, disorder = error(still), error(limit), 0.0
-    if sigma:
-        slopes, index = propagate(*arguments, lattice.volume, degree)
-        slope: Any = sum(f * slopes[a] for a, f in factor.items())
-        mixed = mixing(lattice.kind, index, distribution)
-        disorder = sigma * float(np.linalg.norm(slope if mixed is None else mixed.T @ slope))
-    rounding = UNIT * sum(abs(f * still[a]) for a, f in factor.items())
-    total = sqrt(whole**2 + disorder**2 + rounding**2)
-    parts = (total, abs(smooth), abs(whole - smooth), disorder, rounding)
-    return Split(*(part / scale for part in parts))
+        wave = field.wave()
+        kappa = np.linalg.norm(wave)
+        signals = Waves(np.array([kappa]), wave / kappa)
+    else:
+        if isinstance(field, Mapping):
+            field = polynomial(
+                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, lattice.dim
+            )
+        if not isinstance(field, Polynomial) or not field.coefficients:
+            raise ValueError(
+                f"field: no prediction for {type(field).__name__.lower()}, expected a sinusoid, a"
+                " polynomial or a mapping from multi-indices to derivatives"
+            )
+        signals = Taylor(field.coefficients, field.amplitude(operator.derivatives))
+    return predict_fields(
+        kernel,
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        lattice.offset,
+        signals,
+        sigma=sigma,
+        distribution=distribution,
+        volume=lattice.volume,
+    )[0]
 
 
 def beside(
@@ -208,8 +175,8 @@ def beside(
     """The prediction of every figure of a measurement, and their ratios, ready for JSON.
 
     "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread);
-    "error": the parts of the rms error and its ratio, for a sinusoid along the first axis; "how";
-    or only "none": why there is no theory.
+    "error": the parts of the rms error and its ratio, for a sinusoid or a polynomial; "how";
+    "none": why there is no theory for the scene, or for the field.
     """
     try:
         degree = max((sum(a) for a in measured.moments.values), default=0)
@@ -222,7 +189,7 @@ def beside(
                 ratio = float(values.std()) / std if std and values.size > 1 else None
                 row = {"mean": found.mean[alpha], "std": std, "std_ratio": ratio}
                 result["moments"][label(alpha)] = row
-        if isinstance(field, Sinusoid):
+        if field is not None:
             split = predict_error(kernel, operator, scene, field)
             error = measured.error
             ratio = error["rms"] / split.total if error and split.total else None

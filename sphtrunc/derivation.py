@@ -14,7 +14,7 @@ from sphtrunc import __version__, typeset
 from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel
 from sphtrunc.moments import Moments, MultiIndex, label, unit
-from sphtrunc.operators import FATEHI_MANZARI, Operator
+from sphtrunc.operators import Operator
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,6 @@ class Derivation:
             )
         differences = (self.discrete - self.limit).items()
         return {alpha[0] if self.dim == 1 else alpha: value for alpha, value in differences}
-
-    @property
-    def uncorrected(self) -> bool:
-        """The weights are the kernel's own, so that the sums are the moments."""
-        return self.operator.correction == "none" and self.operator.form != FATEHI_MANZARI
 
     @property
     def own_terms(self) -> list[Term]:

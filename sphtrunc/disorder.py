@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
 from sphtrunc.lattice_sums import Laurent, angular, lattice_sums, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
-from sphtrunc.operators import FATEHI_MANZARI, Key, Operator
+from sphtrunc.operators import Key, Operator
 from sphtrunc.propagation import mixing, propagate, radial_values, second_order
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def predict(
     variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
     size = (index.shape[1], dim)
     how = "first-order propagation through the lattice"
-    closed = is_linear(operator) and volume == "constant" and distribution == "gaussian"
+    closed = operator.uncorrected and volume == "constant" and distribution == "gaussian"
     few = size[0] * dim <= SECOND_ORDER and not (closed and sigma > LARGE)
     if few:
         how = "second-order propagation through the lattice"
@@ -107,16 +107,17 @@ def predict(
             if any(alpha) or not operator.uses_difference:
                 rows = moment_rows(part, alpha)
                 if values[alpha] != 0 or any(offset):  # else zero by symmetry, and stays it
-                    mean[alpha] += mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+                    shift = mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+                    mean[alpha] += _copies(operator, alpha) * shift
                 if not few:
                     ratio = finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim)
                     variance[alpha] *= ratio**2
     return Prediction(mean, {a: max(v, 0.0) ** 0.5 for a, v in variance.items()}, how)
 
 
-def is_linear(operator: Operator) -> bool:
-    """Whether the weights are those of the kernel, with no correction that depends on the rest."""
-    return operator.correction == "none" and operator.form != FATEHI_MANZARI
+def _copies(operator: Operator, alpha: MultiIndex) -> int:
+    """The symmetric form of equal densities has A_b + A_a: its M_0 is twice that of A_b alone."""
+    return 2 if operator.form == "symmetric" and not any(alpha) else 1
 
 
 def moment_rows(part: Mapping[Key, Any], alpha: MultiIndex) -> list[Row]:
@@ -143,7 +144,7 @@ def leading_coefficient(
 
     Raises ValueError for a corrected operator.
     """
-    if not is_linear(operator):
+    if not operator.uncorrected:
         raise ValueError(
             f"correction: the leading law is that of uncorrected weights, got"
             f" {operator.correction}; expected none, or `predict`, which propagates"
@@ -154,7 +155,7 @@ def leading_coefficient(
         from sympy import Integer
 
         return Integer(0)
-    return gradient_norm(kernel, tuple(moment_rows(part, alpha)))
+    return _copies(operator, alpha) ** 2 * gradient_norm(kernel, tuple(moment_rows(part, alpha)))
 
 
 @lru_cache(maxsize=512)
@@ -361,8 +362,8 @@ def scattered(derivation: Derivation, jitter: object, distribution: str = "gauss
     """The derivation with `scatter`: mean and spread of its moments when the particles of its
     lattice are displaced by σ/Δx = jitter along each axis.
 
-    Raises ValueError where the derivation has no ratio Δx/h, for a jitter that is not between 0 and
-    10 and for forms without a theory.
+    Raises ValueError where the derivation has no ratio Δx/h, and for a jitter that is not between 0
+    and 10.
     """
     from sphtrunc.derivation import Scatter
 
@@ -371,8 +372,6 @@ def scattered(derivation: Derivation, jitter: object, distribution: str = "gauss
         raise ValueError(f"jitter: got {sigma:g}, expected a standard deviation σ/Δx from 0 to 10")
     if derivation.dx_over_h is None or not derivation.dx_over_h.is_Rational:
         raise ValueError("jitter: needs a rational ratio, expected dx-over-h as well")
-    if derivation.operator.form == "symmetric":
-        raise ValueError("form: there is no theory for the symmetric form on disordered particles")
     ratio = derivation.dx_over_h
     found = predict(
         derivation.kernel,

@@ -18,7 +18,7 @@ from sphtrunc.fields import Sample, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block
 from sphtrunc.moments import MultiIndex, add, multi_indices, unit
-from sphtrunc.operators import FATEHI_MANZARI, Key, Operator, combine
+from sphtrunc.operators import Key, Operator, combine
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array
 from sphtrunc.sums import _contracted, exact_derivatives
@@ -26,7 +26,7 @@ from sphtrunc.sums import _contracted, exact_derivatives
 if TYPE_CHECKING:
     from sphtrunc.experiment import Task
 
-_NUMBERS = 1 << 19  # sums that are held at once while corrections are solved
+_BLOCK = 4096  # targets whose corrections are solved together
 _SAFE = 1e5  # condition up to which a small matrix is inverted by its cofactors
 
 
@@ -72,8 +72,7 @@ def estimates(
     Other arguments as for `pair_sums`. Raises ValueError as that does.
     """
     dim = scene.dim
-    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
-    keys = [] if plain else operator.needed(dim, 0)
+    keys = [] if operator.uncorrected else operator.needed(dim, 0)
     shape = _structure(operator, dim)
     field_keys = list(dict.fromkeys(key for part in shape for key in part))
     if degree is not None:
@@ -107,10 +106,8 @@ def estimates(
     )
     condition = np.zeros(index.size)
 
-    block = max(1, min(1 << 15, _NUMBERS // summed.rows.shape[1]))
-
     def finish(first: int) -> None:
-        part = slice(first, first + block)
+        part = slice(first, first + _BLOCK)
         health = Health()
         sums = summed.sums(part)
         base, weighted = sums.base, sums.fields
@@ -128,7 +125,7 @@ def estimates(
         condition[part] = health.condition
 
     with ThreadPoolExecutor(threads(workers)) as pool:
-        list(pool.map(finish, range(0, index.size, block)))
+        list(pool.map(finish, range(0, index.size, _BLOCK)))
     if operator.uses_difference and moments:
         moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
     if operator.uses_difference and operator.derivatives == 0:
@@ -284,8 +281,7 @@ def weights(
     shape = _structure(operator, scene.dim)
     if not 0 <= axis < len(shape):
         raise ValueError(f"axis: got {axis}, expected 0 to {len(shape) - 1}")
-    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
-    keys = [] if plain else operator.needed(scene.dim, 0)
+    keys = [] if operator.uncorrected else operator.needed(scene.dim, 0)
     sums = pair_sums(scene, kernel, keys, targets=targets, workers=workers)
     index = np.arange(scene.population)[sums.targets]
     health = Health()

@@ -330,7 +330,7 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
                 "scene: a sum is beyond the range of floats; expected volumes of about h^d"
             )
     bad = np.flatnonzero(~fit)
-    corrected = task.operator.correction != "none" or task.operator.form == "fatehi-manzari"
+    corrected = not task.operator.uncorrected
     bounds = sum(0 if b is None else b.size for b in [bound, *(moment_bound or {}).values()])
     return Measurement(
         settings=described(task),

@@ -100,6 +100,11 @@ class Operator:
         return self.form in ("difference", BROOKSHAW, FATEHI_MANZARI)
 
     @property
+    def uncorrected(self) -> bool:
+        """The weights are the kernel's own, so that the base sums are the moments."""
+        return self.correction == "none" and self.form != FATEHI_MANZARI
+
+    @property
     def polynomial_degree(self) -> int | None:
         """m of the polynomial that multiplies the kernel (0 for Shepard); None if there is none."""
         if self.correction.startswith("rkpm-"):

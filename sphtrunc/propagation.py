@@ -168,19 +168,34 @@ class Stencil:
                     slope[:, i] += c * beta[i] * np.prod(s ** np.array(lowered), axis=1) * f
         return g, slope
 
-    def total(self, g: Array, slope: Array) -> Dual:
-        """Σ_b V_b g_b and its derivatives with respect to displacements in Δx."""
-        moves = self.ratio * self.volumes[:, None] * slope
+    def total(self, g: Array, slope: Array, power: int = 1) -> Dual:
+        """Σ_b V_b g_b and its derivatives with respect to displacements in Δx.
+
+        power: n of V_bⁿ V_a^{1−n} in place of V_b: the symmetric form of particles of equal mass
+        has V_b ρ_a/ρ_b = V_b²/V_a before A_b, and V_b ρ_b/ρ_a = V_a before A_a.
+        """
+        if self.variation is None:
+            volumes = self.volumes
+        elif power == 1 or self.target >= 0:
+            own = self.volumes[self.target]
+            volumes = self.volumes**power * own ** (1 - power)
+        else:
+            raise ValueError("form: symmetric needs a target that is a particle; expected offset 0")
+        value = float(volumes @ g)
+        moves = self.ratio * volumes[:, None] * slope
         if self.target >= 0:
             moves[self.target] = 0.0
             moves[self.target] -= moves.sum(axis=0)
         if self.variation is not None:
-            moves = moves + self.variation(g)
-        return Dual(float(self.volumes @ g), moves)
+            varied = power * volumes / self.volumes * g
+            if power != 1:
+                varied[self.target] += (1 - power) * value / own
+            moves = moves + self.variation(varied)
+        return Dual(value, moves)
 
-    def base_sum(self, key: Key) -> Dual:
+    def base_sum(self, key: Key, power: int = 1) -> Dual:
         """m[δ, α]."""
-        return self.total(*self.sampled(key))
+        return self.total(*self.sampled(key), power)
 
 
 def propagate(
@@ -202,8 +217,14 @@ def propagate(
     import numpy as np
 
     stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
-    sums = {key: stencil.base_sum(key) for key in operator.needed(stencil.dim, degree)}
+    symmetric = operator.form == "symmetric"
+    keys = operator.needed(stencil.dim, degree)
+    sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}
     moments = operator.correct(sums, stencil.dim, degree, axis, dual_solve)
+    if symmetric:
+        zero = (0,) * stencil.dim
+        (own,) = operator.coefficients(sums, stencil.dim)[axis]
+        moments[zero] = sums[own] + stencil.base_sum(own, 0)
     none = np.zeros_like(stencil.s)
     slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
     return slopes, stencil.index
@@ -319,21 +340,21 @@ def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
 
 
 def second_order(
-    slopes: Callable[[Array | None], Mapping[MultiIndex, Array]],
-    shape: tuple[int, int],
+    slopes: Callable[[Array | None], Mapping[tuple[int, ...], Array]],
+    shape: tuple[int, ...],
     mixed: Array | None,
     excess: float,
-) -> dict[MultiIndex, tuple[float, float]]:
-    """What the second and third derivatives H, T of the moments with respect to v add: Σ H_kk/2 to
-    the mean (times σ²), Σ H_kl²/2 + Σ M_k T_kll + (kurtosis − 3) Σ H_kk²/4 to the variance (times
-    σ⁴). Both are differences of the slopes on both sides."""
+) -> dict[tuple[int, ...], tuple[float, float]]:
+    """What the second and third derivatives H, T of figures M by v add: Σ H_kk/2 to the
+    mean (times σ²), Σ H_kl²/2 + Σ M_k T_kll + (kurtosis − 3) Σ H_kk²/4 to the variance (times σ⁴).
+    Both are differences of the slopes on both sides."""
     import numpy as np
 
     step = 1e-3
     count, dim = shape
     directions = np.kron(np.eye(count) if mixed is None else mixed, np.eye(dim))  # (N·d, K)
     here = slopes(None)
-    curved: dict[MultiIndex, list[Array]] = {alpha: [] for alpha in here}
+    curved: dict[tuple[int, ...], list[Array]] = {alpha: [] for alpha in here}
     third = {alpha: np.zeros(count * dim) for alpha in here}
     for direction in directions.T:
         moved = step * direction.reshape(shape)

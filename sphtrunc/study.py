@@ -272,8 +272,6 @@ def _theory(
     from sphtrunc.response import predict_waves
 
     lattice = getattr(scene, "lattice", scene)
-    if lattice.volume == "summation" or (lattice.volume == "cell" and operator.form == "symmetric"):
-        return None
     splits = predict_waves(
         kernel,
         operator,

@@ -56,8 +56,7 @@ def estimate(
         return number.total(weight) if factor is None else number.dot(weight, factor)
 
     sums: dict[Key, Any] = {}
-    plain = operator.correction == "none" and operator.form != FATEHI_MANZARI
-    if not plain:
+    if not operator.uncorrected:
         sums = {key: weighted(key) for key in operator.needed(dim, 0)}
     parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
     moments: dict[MultiIndex, Any] = {}
@@ -123,7 +122,7 @@ def _terms(
         if term in (BROOKSHAW, FATEHI_MANZARI):
             terms[term] = number.ratio(slope, q)
             if term == FATEHI_MANZARI:
-                terms[term] = number.ratio(terms[term], q * q)
+                terms[term] = number.ratio(number.ratio(terms[term], q), q)
         elif sum(term) == 0:
             terms[term] = kernel_term(number, kernel, argument, 0, dim, weight, stretch)
         elif sum(term) == 1:

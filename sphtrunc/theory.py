@@ -163,7 +163,7 @@ def _summed(
         raise ValueError(
             f"dx-over-h: got {ratio}, a target has over {most} neighbours; expected a larger ratio"
         )
-    linear = _is_linear(operator)
+    linear = operator.uncorrected
     needed = operator.needed(dim, degree)
     sums = lattice_sums(kernel, needed, kind, step, offset, linear, volume)
     if not any(sums.values()):
@@ -189,14 +189,6 @@ def spacing(value: object) -> Expr:
 
 
 # -- continuous moments -------------------------------------------------------------------------
-
-
-def continuous_moments(
-    kernel: Kernel | Gaussian, operator: Operator, dim: int, degree: int, axis: int = 0
-) -> dict[MultiIndex, Any]:
-    """The moments for Δx/h → 0 of one component, exactly."""
-    sums = {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}
-    return operator.correct(sums, dim, degree, axis)
 
 
 def _moments(
@@ -332,7 +324,7 @@ def _response(
 ) -> dict[MultiIndex, dict[Key, Any]]:
     """∂M_α/∂m[key] at the continuous limit, exactly: by a rational function of one symbol ε."""
     keys = list(continuous)
-    if _is_linear(operator):
+    if operator.uncorrected:
         part = operator.coefficients(continuous, 1)[0]
         moments = operator.correct(continuous, 1, degree)
         fixed = {unit(1, 0, 0)} if operator.uses_difference else set()
@@ -375,7 +367,7 @@ def _orders(
     continuous = {key: continuous_sum(kernel, key) for key in needed}
     response = _response(operator, continuous, degree)
     powers = sorted({t.dx_power for t in terms})
-    horizon = powers[-1] + 1 if _is_linear(operator) else 2 * powers[0]
+    horizon = powers[-1] + 1 if operator.uncorrected else 2 * powers[0]
     generic = aligned = None
     for n in (p for p in powers if p < horizon):
         rows = [
@@ -389,10 +381,6 @@ def _orders(
             aligned = n
             break
     return Orders(smoothing, generic, aligned)
-
-
-def _is_linear(operator: Operator) -> bool:
-    return operator.correction == "none" and operator.form != FATEHI_MANZARI
 
 
 def _linear_terms(

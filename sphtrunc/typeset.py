@@ -115,7 +115,7 @@ def _discretisation_text(d: Derivation) -> str:
             lines.append(
                 f"  order (Δx/h){_power(aligned)} at the aligned ratios Δx/h = {kappa}/n, n odd"
             )
-    if not d.uncorrected:
+    if not d.operator.uncorrected:
         lines.append("  the corrected moments are rational functions of the sums m[δ, k] below")
     shown = _leading_terms(d)
     if shown:
@@ -143,7 +143,7 @@ def _gaussian_text(d: Derivation, kernel: Gaussian) -> str:
 
 def _leading_terms(d: Derivation) -> list[str]:
     lines: list[str] = []
-    plain = d.uncorrected
+    plain = d.operator.uncorrected
     for (derivative, k), terms in _grouped(d).items():
         name = f"M{_sub(k)}" if plain else f"m[{derivative}, {k}]"
         for n in sorted({t.dx_power for t in terms}):
@@ -271,7 +271,7 @@ def smoothing(d: Derivation) -> str:
 
 def _discretisation_latex(d: Derivation) -> list[str]:
     lines = []
-    plain = d.uncorrected
+    plain = d.operator.uncorrected
     for (derivative, k), terms in _grouped(d).items():
         name = f"M_{{{k}}}" if plain else f"m_{{{derivative},{k}}}"
         for i, n in enumerate(sorted({t.dx_power for t in terms})):

@@ -26,7 +26,7 @@ from sphtrunc.arithmetic import Health, Plain
 from sphtrunc.experiment import CELLS, Task, _chosen, until
 from sphtrunc.fields import Sinusoid, sinusoid
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.operators import FATEHI_MANZARI, Operator
+from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.scene import Indices, Lattice, Scene
 from sphtrunc.summation import Array
@@ -173,7 +173,7 @@ def _series(
         return np.asarray(result)
 
     sums = {}
-    if operator.correction != "none" or operator.form == FATEHI_MANZARI:
+    if not operator.uncorrected:
         sums = {key: number.total(weight(*key)) for key in operator.needed(dim, 0)}
     parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
     powers = degree_of_series(reach, m) + 1

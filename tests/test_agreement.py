@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 from sphtrunc import derive, kernel
 from sphtrunc.catalogue import names
-from sphtrunc.comparison import compare, predict_error, predict_moments
+from sphtrunc.comparison import compare, predict_error
 from sphtrunc.experiment import measure
-from sphtrunc.fields import sinusoid
+from sphtrunc.fields import Bump, sinusoid
 from sphtrunc.lattice import KINDS
 from sphtrunc.lattice_sums import lattice_sums
 from sphtrunc.moments import Moments, multi_indices
@@ -211,7 +211,7 @@ def disordered(draw: st.DrawFn) -> tuple[Any, float]:
     disordered(),
     st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
     st.sampled_from(
-        [*PLAIN[1:4], CORRECTED[3], CORRECTED[6], CORRECTED[8], Operator("laplacian", "brookshaw")]
+        [*PLAIN[1:5], CORRECTED[3], CORRECTED[6], CORRECTED[8], Operator("laplacian", "brookshaw")]
     ),
 )
 def test_means_and_spreads_under_disorder(
@@ -289,8 +289,8 @@ def test_what_there_is_no_theory_for_is_said() -> None:
     scene = graded(lambda x: 0.3 + 0.0 * x)
     with pytest.raises(ValueError, match="no theory for graded"):
         compare(scene, "cubic-spline")
-    with pytest.raises(ValueError, match="no theory for the symmetric form"):
-        predict_moments(jittered(lattice(1), 0.1), "cubic-spline", PLAIN[4])
+    with pytest.raises(ValueError, match="no prediction for bump"):
+        predict_error("cubic-spline", PLAIN[2], lattice(1), Bump(2.0, 1))  # type: ignore[arg-type]
 
 
 # ---------------------------------------------------------------- that these tests can fail at all

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from sympy import Rational, oo, pi
 
-from sphtrunc import kernel
+from sphtrunc import compare, kernel
 from sphtrunc.disorder import gradient_norm, leading_coefficient, moment_rows, predict
 from sphtrunc.moments import multi_indices, unit
 from sphtrunc.operators import Operator
 from sphtrunc.propagation import propagate
+from sphtrunc.scene import jittered, lattice
 
 KIND = {1: "uniform", 2: "square", 3: "cubic"}
 STANDARD, DIFFERENCE = Operator("gradient"), Operator("gradient", "difference")
@@ -247,6 +248,86 @@ def test_slopes_are_the_derivatives_of_the_moments() -> None:
         for alpha, slope in slopes.items():
             measured = (up[alpha] - down[alpha]) / (2 * step)
             assert measured == pytest.approx(slope[particle, axis], abs=2e-8)
+
+
+def test_symmetric_form_of_equal_densities_has_twice_the_standard_constant_moment() -> None:
+    """A_b + A_a: M_0 and all that displacements do to it double, the other moments stay."""
+    shape, zero = kernel("wendland-c4"), (Fraction(0),) * 2
+    symmetric = Operator("gradient", "symmetric")
+    for sigma in (0.05, 0.2):
+        plain, double = (
+            predict(shape, o, "square", Fraction(2, 5), zero, sigma=sigma, degree=2)
+            for o in (STANDARD, symmetric)
+        )
+        for alpha in plain.mean:
+            factor = 1 if any(alpha) else 2
+            assert double.mean[alpha] == factor * plain.mean[alpha]
+            assert double.std[alpha] == pytest.approx(factor * plain.std[alpha], rel=1e-12)
+    for alpha, factor in (((0, 0), 4), ((1, 0), 1), ((2, 0), 1)):
+        norm = leading_coefficient(shape, STANDARD, alpha)
+        assert leading_coefficient(shape, symmetric, alpha) == factor * norm
+
+
+@pytest.mark.parametrize("volume", ["cell", "summation"])
+def test_slopes_of_the_symmetric_form_where_densities_vary(volume: str) -> None:
+    """−Σ (s^α V_b²/V_a + [α = 0] V_a) ∂Ŵ of equal masses, moving one particle by a little."""
+    shape, ratio, step = kernel("wendland-c2"), 0.7, 1e-5
+    dim = 1 if volume == "cell" else 2
+    slopes, index = propagate(
+        shape, Operator("gradient", "symmetric"), KIND[dim], Fraction(7, 10),
+        (Fraction(0),) * dim, volume, 2,
+    )  # fmt: skip
+    points = index.T.astype(float)
+    home = int(np.flatnonzero((index == 0).all(0))[0])
+
+    def moments(u: np.ndarray[Any, Any]) -> dict[Any, float]:
+        x = ratio * (points + u)
+        s = x - x[home]
+        if volume == "cell":
+            order = np.argsort(x[:, 0])
+            v = np.full(len(x), ratio)
+            v[order[1:-1]] = (x[order[2:], 0] - x[order[:-2], 0]) / 2
+        else:
+            v = 1 / np.array([shape.w(np.sqrt(((x - y) ** 2).sum(1)), dim).sum() for y in x])
+        r = np.sqrt((s**2).sum(1))
+        g = -shape.dw(r, dim) * s[:, 0] / np.where(r > 0, r, 1)
+        result = {a: float((v**2 / v[home] * g * np.prod(s**a, 1)).sum()) for a in slopes}
+        result[(0,) * dim] += float(v[home] * g.sum())
+        return result
+
+    rows = np.argsort((points**2).sum(1))[: 9 if dim == 2 else 5]
+    for particle, axis in product(rows, range(dim)):
+        u = np.zeros_like(points)
+        u[particle, axis] = step
+        up, down = moments(u), moments(-u)
+        for alpha, slope in slopes.items():
+            measured = (up[alpha] - down[alpha]) / (2 * step)
+            # the third derivative is below 10³: h² of 10⁻¹⁰, and rounding 10² u/h
+            assert measured == pytest.approx(slope[particle, axis], abs=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("dim", "kind", "ratio", "volume", "sigma", "targets"),
+    [
+        (1, "uniform", "1/2", "constant", 0.05, 6000),
+        (1, "uniform", "7/10", "cell", 0.05, 6000),
+        (1, "uniform", "7/10", "summation", 0.03, 3000),
+        (2, "hexagonal", "7/10", "constant", 0.05, 3000),
+        (2, "hexagonal", "7/10", "summation", 0.03, 800),
+        (3, "cubic", "4/5", "summation", 0.03, 200),
+    ],
+)
+def test_the_symmetric_form_under_disorder(
+    dim: int, kind: str, ratio: str, volume: str, sigma: float, targets: int
+) -> None:
+    """Within 5 % and 4 standard errors of a spread, 4 standard errors of a mean."""
+    scene = jittered(lattice(dim, kind, ratio, volume=volume), sigma, seed=4)
+    found = compare(scene, "wendland-c4", form="symmetric", degree=1, targets=targets)
+    assert len(found.ratio) == 1 + dim
+    for alpha, spread in found.ratio.items():
+        assert abs(spread - 1) < 0.05 + 4 / (2 * targets) ** 0.5
+        beyond = 0.1 * found.predicted.std[alpha]  # of the next order in σ
+        assert abs(found.difference[alpha]) < 4 * found.expected[alpha] + beyond
 
 
 def test_no_disorder_no_spread() -> None:

@@ -1,0 +1,184 @@
+"""Signals: the fields that theory applies an estimate to, with their values as a form sees them,
+their derivatives at the target, and what the estimate tends to for Δx/h → 0.
+
+Offsets s are in units of h, and so are derivatives; K signals of F parts each go together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from math import factorial, prod, sqrt
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from sphtrunc.kernel import SPHERE
+from sphtrunc.lattice_sums import angular, parts
+from sphtrunc.moments import MultiIndex, add, unit
+from sphtrunc.operators import Key, Operator
+from sphtrunc.propagation import radial_values
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sphtrunc.kernel import Kernel
+
+    Array = NDArray[np.float64]
+
+_SERIES = 60  # terms of the continuous limit
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """cos k·s and sin k·s (F = 2), k = κ n: the two parts of a sinusoid of any phase.
+
+    kappa: (K,) wavenumbers in 1/h; direction: n, (d,), of unit length
+    """
+
+    kappa: Array
+    direction: Array
+
+    @property
+    def own(self) -> Array:
+        """The values at the target, (F,)."""
+        return np.array([1.0, 0.0])
+
+    def difference(self, s: Array) -> Array:
+        """f(s) − f(0), (K, F, …), at offsets s (…, d)."""
+        phase = np.multiply.outer(self.kappa, s @ self.direction)
+        return np.stack([-2.0 * np.sin(0.5 * phase) ** 2, np.sin(phase)], axis=1)
+
+    def gradient(self, s: Array) -> Array:
+        """∇f, (K, F, …, d)."""
+        phase = np.multiply.outer(self.kappa, s @ self.direction)
+        slope = np.stack([-np.sin(phase), np.cos(phase)], axis=1)
+        return np.multiply.outer((slope.T * self.kappa).T, self.direction)
+
+    def derivative(self, mu: MultiIndex) -> Array:
+        """∂^μ f at the target, (K, F)."""
+        n = sum(mu)
+        turn = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[n % 4]
+        size = self.kappa**n * np.prod(self.direction**mu)
+        return np.asarray(np.multiply.outer(size, np.array(turn)))
+
+    def size(self, order: int) -> Array:
+        """What the root of Σ E² is to be divided by, (K,): the mean over phases is a half of it."""
+        return sqrt(2.0) * self.kappa**order
+
+    def limit(self, kernel: Kernel, operator: Operator) -> Array:
+        """E for Δx/h → 0, (K, C, F): that along the first axis, turned; kernels are isotropic."""
+        dim, n = len(self.direction), self.direction
+        ahead = Waves(self.kappa, np.eye(dim)[0])
+        axis = [unit(dim, 0, m) for m in range(_SERIES)]
+        found = _limit(kernel, operator, dim, {mu: ahead.derivative(mu) for mu in axis})
+        if operator.derivatives == 1:
+            return found[:, :1] * n[:, None]
+        if operator.name != "hessian" or dim == 1:
+            return found
+        rows = [mu for (mu,) in operator.components(dim)]
+        along, across = (found[:, rows.index(unit(dim, i, 2))] for i in (0, 1))
+        turned = [np.prod(n**mu) * (along - across) + (max(mu) == 2) * across for mu in rows]
+        return np.stack(turned, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Taylor:
+    """One polynomial Σ c_α s^α (K = F = 1): c_α = h^{|α|} A^{(α)}/α! of any field.
+
+    scale: what errors are relative to
+    """
+
+    coefficients: Mapping[MultiIndex, float]
+    scale: float
+
+    @property
+    def own(self) -> Array:
+        """The value at the target, (F,)."""
+        return np.array([sum(c for alpha, c in self.coefficients.items() if not any(alpha))])
+
+    def difference(self, s: Array) -> Array:
+        """f(s) − f(0), (K, F, …), at offsets s (…, d)."""
+        total = np.zeros(s.shape[:-1])
+        for alpha, c in self.coefficients.items():
+            if any(alpha):
+                total += c * np.prod(s**alpha, axis=-1)
+        return total[None, None]
+
+    def gradient(self, s: Array) -> Array:
+        """∇f, (K, F, …, d)."""
+        total = np.zeros_like(s)
+        for alpha, c in self.coefficients.items():
+            for i, n in enumerate(alpha):
+                if n:
+                    lower = tuple(m - (j == i) for j, m in enumerate(alpha))
+                    total[..., i] += c * n * np.prod(s**lower, axis=-1)
+        return total[None, None]
+
+    def derivative(self, mu: MultiIndex) -> Array:
+        """∂^μ f at the target, (K, F)."""
+        return np.full((1, 1), self.coefficients.get(mu, 0.0) * prod(factorial(n) for n in mu))
+
+    def size(self, order: int) -> Array:
+        """What the root of Σ E² is to be divided by, (K,)."""
+        return np.full(1, self.scale)
+
+    def limit(self, kernel: Kernel, operator: Operator) -> Array:
+        """E for Δx/h → 0, (K, C, F)."""
+        series = {alpha: self.derivative(alpha) for alpha in self.coefficients}
+        dim = len(next(iter(series)))
+        return _limit(kernel, operator, dim, series)
+
+
+Signals: TypeAlias = Waves | Taylor
+
+
+def _limit(
+    kernel: Kernel, operator: Operator, dim: int, derivatives: Mapping[MultiIndex, Array]
+) -> Array:
+    """E for Δx/h → 0, (K, C, F), from the derivatives (K, F) of the signal at the target."""
+    moment = _integral(kernel, dim)
+    zero = unit(dim, 0, 0)
+    means = {key: moment(key) for key in operator.needed(dim, 0)}
+    result = []
+    for part in operator.coefficients(means, dim):
+        total: Any = 0.0
+        for alpha, derivative in derivatives.items():
+            if alpha == zero and operator.uses_difference:
+                continue
+            value = sum(
+                float(c) * moment((term, add(alpha, gamma))) for (term, gamma), c in part.items()
+            )
+            if alpha == zero and operator.form == "symmetric":
+                value *= 2.0
+            total = total + derivative / prod(factorial(n) for n in alpha) * value
+        result.append(total)
+    return np.stack(result, axis=1)
+
+
+@cache
+def _integral(kernel: Kernel, dim: int) -> Any:
+    """key -> its continuous base sum ∫ g_key d^d s, by Gauss quadrature of the radial part."""
+    t, w = np.polynomial.legendre.leggauss(64)
+    knots = [float(x) for x in kernel.knots]
+    pairs = list(pairwise(knots))
+    q = np.concatenate([a + (b - a) / 2 * (1 + t) for a, b in pairs])
+    weight = np.concatenate([(b - a) / 2 * w for a, b in pairs])
+    sphere = float(SPHERE[dim])
+
+    @cache
+    def radial(name: str) -> Array:
+        return np.asarray(radial_values(kernel, name, q, dim) * weight * sphere)
+
+    @cache
+    def moment(key: Key) -> float:
+        total = 0.0
+        for c, beta, name in parts(key):
+            angle = float(angular(beta))
+            if angle:
+                total += c * angle * float((radial(name) * q ** (sum(beta) + dim - 1)).sum())
+        return total
+
+    return moment
