@@ -26,7 +26,7 @@ from sphtrunc.sums import _contracted, exact_derivatives
 if TYPE_CHECKING:
     from sphtrunc.experiment import Task
 
-_BLOCK = 4096  # targets whose corrections are solved together
+_NUMBERS = 1 << 19  # sums that are held at once while corrections are solved
 _SAFE = 1e5  # condition up to which a small matrix is inverted by its cofactors
 
 
@@ -106,8 +106,10 @@ def estimates(
     )
     condition = np.zeros(index.size)
 
+    block = max(1, min(1 << 15, _NUMBERS // summed.rows.shape[1]))
+
     def finish(first: int) -> None:
-        part = slice(first, first + _BLOCK)
+        part = slice(first, first + block)
         health = Health()
         sums = summed.sums(part)
         base, weighted = sums.base, sums.fields
@@ -125,7 +127,7 @@ def estimates(
         condition[part] = health.condition
 
     with ThreadPoolExecutor(threads(workers)) as pool:
-        list(pool.map(finish, range(0, index.size, _BLOCK)))
+        list(pool.map(finish, range(0, index.size, block)))
     if operator.uses_difference and moments:
         moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
     if operator.uses_difference and operator.derivatives == 0:

@@ -45,41 +45,47 @@ def sum_pairs(
     counts: Any,
     slots: Any,
     order: Any,
-    own: Any,
+    per_h: Any,
     reach: Any,
     out: Any,
     places: int,
+    seen: int,
 ) -> None:
     """The sums of the targets in `slots` (places among the sorted particles, increasing).
 
     sources: (rows, n) sorted particles; keys: (n,) their cells; starts: (cells + 1,)
     grid: (2, d) origin and 1/size of the cells; counts: (d,) cells along each axis
-    order: (n,) which particle each is; own: (rows, n) of targets by particle; reach: (n,) or (1,)
-    out: (sums, targets of the scene); places: rows of the sources that hold the position
+    order: (n,) which particle each is; per_h, reach: of targets by particle, (n,) or (1,)
+    out: (targets of the scene, sums)
+    places: rows of the sources that hold the position; seen: fields that targets have of their own
     """
     dim = counts.size
     along = counts[0]
-    buffer = np.empty((places + own.shape[0], WIDTH))
-    result = np.empty((out.shape[0], WIDTH))
+    buffer = np.empty((places + 1 + seen, WIDTH))
+    result = np.empty((out.shape[1], WIDTH))
     low, high = np.empty(dim), np.empty(dim)
     near = np.empty(1024, np.int64)
     first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
     at = 0
     while at < slots.size:
-        column = keys[slots[at]] // along
+        # neighbours in memory and in space: as many as fit the lanes of this column
+        column_end = starts[(keys[slots[at]] // along + 1) * along]
         size = 1
-        while size < WIDTH and at + size < slots.size and keys[slots[at + size]] // along == column:
+        while size < WIDTH and at + size < slots.size and slots[at + size] < column_end:
             size += 1
         radius = 0.0
+        low[:], high[:] = np.inf, -np.inf
         for lane in range(WIDTH):
             slot = slots[at + min(lane, size - 1)]
             for i in range(places):
                 buffer[i, lane] = sources[i, slot]
-            for i in range(own.shape[0]):
-                buffer[places + i, lane] = own[i, order[slot]]
-            radius = max(radius, reach[order[slot]] if reach.size > 1 else reach[0])
+            for i in range(dim):
+                low[i], high[i] = min(low[i], buffer[i, lane]), max(high[i], buffer[i, lane])
+            buffer[places, lane] = per_h[order[slot] if per_h.size > 1 else 0]
+            for i in range(seen):
+                buffer[places + 1 + i, lane] = sources[places + 1 + i, slot]
+            radius = max(radius, reach[order[slot] if reach.size > 1 else 0])
         for i in range(dim):
-            low[i], high[i] = buffer[i].min(), buffer[i].max()
             first[i] = _cell(low[i] - radius, grid[0, i], grid[1, i], counts[i])
             last[i] = _cell(high[i] + radius, grid[0, i], grid[1, i], counts[i])
         number, square = 0, radius * radius
@@ -98,8 +104,8 @@ def sum_pairs(
         store_sums(plan, sums, result)
         for lane in range(size):
             target = order[slots[at + lane]]
-            for i in range(out.shape[0]):
-                out[i, target] = result[i, lane]
+            for i in range(out.shape[1]):
+                out[target, i] = result[i, lane]
         at += size
 
 
@@ -229,20 +235,22 @@ def sort(
 def sums(
     plan: Plan,
     columns: tuple[Array, ...],
-    own: Array,
+    per_h: Array,
     reach: Array,
     wanted: Any,
     workers: int,
 ) -> Array:
-    """The sums of a plan, (row_counts(plan)[2], population).
+    """The sums of a plan, (population, row_counts(plan)[2]).
 
-    columns: rows of the sources, n numbers each; own: (rows, population) what targets know of
-    themselves beyond their place; reach: (population,) or (1,), beyond which nothing contributes
+    columns: rows of the sources, n numbers each; per_h: (population,) 1/h of the targets
+    reach: (population,) or (1,), beyond which nothing contributes
     wanted: (population,) bool, or None for all; particles beyond the population are images
     """
-    population = own.shape[1]
-    out = np.zeros((row_counts(plan)[2], population))
+    population = per_h.size
+    out = np.zeros((population, row_counts(plan)[2]))
     places = plan.dim * (2 if plan.low else 1)
+    if plan.mode == "one" and reach.size == 1:
+        per_h = per_h[:1]  # one h for all
     with ThreadPoolExecutor(workers) as pool:
         done = sort(columns, plan.dim, float(reach.max()), pool, workers)
         slots = np.arange(done.order.size)
@@ -263,10 +271,11 @@ def sums(
                     done.counts,
                     part,
                     done.order,
-                    own,
+                    per_h,
                     reach,
                     out,
                     places,
+                    plan.fields if plan.difference else 0,
                 ),
                 pieces,
             )

@@ -31,6 +31,10 @@ WIDTH = 8
 _DOUBLE = ir.DoubleType()
 _VECTOR = ir.VectorType(_DOUBLE, WIDTH)
 _FUSE = ("contract",)
+#: for every set of lanes, as bits: its lanes in order, then anything
+_PACKED = [
+    ([i for i in range(WIDTH) if bits >> i & 1] + [0] * WIDTH)[:WIDTH] for bits in range(1 << WIDTH)
+]
 
 
 class PlanType(types.Type):
@@ -189,7 +193,7 @@ class LaneNumbers:
 
     def within(self, x: Any, edge: float, squares: Any) -> Lanes:
         one = self._select(">", squares, 0.0, 1.0 + MOST, 1.0)
-        return self._select("<=", x, edge, one, 0.0)
+        return self._select("<=", x, edge, one, -0.0)  # adds exactly nothing: one masked sum
 
     def pick(self, x: Any, knot: float, inner: Any, outer: Any, mean: float | None) -> Lanes:
         value = self._select("<", x, knot, inner, outer)
@@ -313,15 +317,37 @@ def list_near(
         inside = builder.fcmp_ordered(
             "<=", distance.value, Lanes(builder, arguments[6], False).spread()
         )
+        # which lanes, packed to the front by a table: no branch, one store
+        left = builder.sub(arguments[3], arguments[2])
+        left = builder.select(
+            builder.icmp_signed("<", left, ir.Constant(word, WIDTH)), left, ir.Constant(word, WIDTH)
+        )
+        one = ir.Constant(word, 1)
+        valid = builder.sub(builder.shl(one, left), one)
         bits = builder.zext(builder.bitcast(inside, ir.IntType(WIDTH)), word)
-        number, list_ = arguments[8], array(7).data
-        for lane in range(WIDTH):
-            entry = builder.add(arguments[2], ir.Constant(word, lane))
-            builder.store(entry, builder.gep(list_, [number]))
-            bit = builder.and_(builder.lshr(bits, ir.Constant(word, lane)), ir.Constant(word, 1))
-            valid = builder.zext(builder.icmp_signed("<", entry, arguments[3]), word)
-            number = builder.add(number, builder.and_(bit, valid))
-        return number
+        bits = builder.and_(bits, valid)
+        bytes_ = ir.VectorType(ir.IntType(8), WIDTH)
+        table = cgutils.global_constant(
+            builder,
+            "lanes_packed",
+            ir.Constant(
+                ir.ArrayType(bytes_, 1 << WIDTH), [ir.Constant(bytes_, row) for row in _PACKED]
+            ),
+        )
+        row = builder.load(builder.gep(table, [ir.Constant(word, 0), bits]))
+        words = ir.VectorType(word, WIDTH)
+        start = builder.insert_element(
+            ir.Constant(words, ir.Undefined), arguments[2], ir.Constant(ir.IntType(32), 0)
+        )
+        order = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
+        start = builder.shuffle_vector(start, ir.Constant(words, ir.Undefined), order)
+        place = builder.gep(array(7).data, [arguments[8]])
+        builder.store(
+            builder.add(builder.zext(row, words), start),
+            builder.bitcast(place, words.as_pointer()),
+            align=8,
+        )
+        return builder.add(arguments[8], builder.ctpop(bits))
 
     return types.int64(plan, sources, j, end, low, high, square, near, number), codegen
 

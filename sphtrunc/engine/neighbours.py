@@ -83,11 +83,11 @@ def pairs_of(
 
 
 def sums(
-    plan: Plan, columns: tuple[Array, ...], own: Array, reach: Array, wanted: Any, workers: int
+    plan: Plan, columns: tuple[Array, ...], per_h: Array, reach: Array, wanted: Any, workers: int
 ) -> Array:
     """As `cells.sums`."""
-    population = own.shape[1]
-    out = np.zeros((row_counts(plan)[2], population))
+    population = per_h.size
+    out = np.zeros((population, row_counts(plan)[2]))
     x, reach = _scaled(columns[: plan.dim], reach)
     tree = cKDTree(x)
     order = np.asarray(tree.indices, dtype=np.int64)
@@ -103,7 +103,7 @@ def sums(
     def work(part: Any) -> None:
         for block, i, j in pairs_of(tree, place, x, part, reach, typical):
             with np.errstate(all="ignore"):
-                out[:, block] = _block(plan, sources, place[block], own[:, block], i, j)
+                out[block] = _block(plan, sources, place[block], per_h[block], i, j).T
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(work, np.array_split(order[slots], max(1, min(4 * workers, slots.size)))))
@@ -123,7 +123,7 @@ def _typical(tree: Any, x: Array, targets: Any, reach: Array) -> int:
 
 
 def listed(
-    plan: Plan, columns: tuple[Array, ...], own: Array, reach: Array, targets: Any
+    plan: Plan, columns: tuple[Array, ...], per_h: Array, reach: Array, targets: Any
 ) -> Iterator[tuple[Any, Any, Any, list[Array]]]:
     """Blocks of pairs with their terms one by one: which of the targets (T,), for each pair the
     number of its target in the block, its source, and a row for each term of the plan."""
@@ -139,27 +139,32 @@ def listed(
     near = order[np.isin(order, unique)]
     for block, i, j in pairs_of(tree, place, x, near, reach, _typical(tree, x, near, reach)):
         with np.errstate(all="ignore"):
-            terms = _terms(plan, np.stack(columns), block, own[:, block], i, j)
+            terms = _terms(plan, np.stack(columns), block, per_h[block], i, j)
         yield where[block], i, j, terms
 
 
-def _terms(plan: Plan, sources: Array, slots: Any, own: Array, i: Any, j: Any) -> list[Any]:
+def _terms(plan: Plan, sources: Array, slots: Any, per_h: Array, i: Any, j: Any) -> list[Any]:
     """The contribution of every pair to every sum."""
     places = plan.dim * (2 if plan.low else 1)
     source = [row[j] for row in sources]
-    target = [row[slots][i] for row in sources[:places]] + [row[i] for row in own]
+    own = sources[places + 1 : places + 1 + (plan.fields if plan.difference else 0)]
+    target = [
+        *(row[slots][i] for row in sources[:places]),
+        per_h[i],
+        *(row[slots][i] for row in own),
+    ]
     return [
         t if isinstance(t, Bounded) else np.broadcast_to(t, i.shape)
         for t in pair_terms(plan, ArrayNumbers(), target, source)
     ]
 
 
-def _block(plan: Plan, sources: Array, slots: Any, own: Array, i: Any, j: Any) -> Array:
+def _block(plan: Plan, sources: Array, slots: Any, per_h: Array, i: Any, j: Any) -> Array:
     """The sums of one block, (rows, T), from its pairs."""
-    terms = _terms(plan, sources, slots, own, i, j)
-    begin = np.searchsorted(i, np.arange(own.shape[1] + 1))
+    terms = _terms(plan, sources, slots, per_h, i, j)
+    begin = np.searchsorted(i, np.arange(per_h.size + 1))
     row = np.arange(i.size) - begin[i]
-    shape = (int(row.max(initial=0)) + 1, own.shape[1])
+    shape = (int(row.max(initial=0)) + 1, per_h.size)
 
     def table(values: Any) -> Array:
         padded = np.zeros(shape)

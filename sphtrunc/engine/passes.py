@@ -134,7 +134,6 @@ def one_pass(
     )
     per_h = 1.0 / scene.h
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
-    own = np.concatenate([per_h[None], values]) if difference else per_h[None]
     number = threads(workers)
     name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
@@ -143,11 +142,11 @@ def one_pass(
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
     if name == "numba":
-        out = cells.sums(task, columns, own, reach, wanted, number)
+        out = cells.sums(task, columns, per_h, reach, wanted, number)
     else:
         from sphtrunc.engine import neighbours
 
-        out = neighbours.sums(task, columns, own, reach, wanted, number)
+        out = neighbours.sums(task, columns, per_h, reach, wanted, number)
     return Pass(task, out, per_h, chosen, keys, field_keys, name)
 
 
@@ -160,7 +159,7 @@ def pair_sums(
 
 @dataclass(frozen=True)
 class Pass:
-    """What an engine summed, before it is read: radial sums in rows, (rows, n).
+    """What an engine summed, before it is read: radial sums in `rows`, (n, sums).
 
     targets: indices (T,), or the slice of all
     """
@@ -180,7 +179,7 @@ class Pass:
         index = np.arange(*part.indices(self.per_h.size)) if everyone else chosen
         return _gathered(
             self.plan,
-            self.rows[:, chosen],
+            self.rows[chosen].T,
             self.per_h[chosen],
             index,
             self.keys,
@@ -367,7 +366,7 @@ def pairs_with_terms(
     columns, reach, source = _columns(scene, kernel, task, np.empty((0, scene.population)), per_h)
     scale = per_h**scene.dim
     rows, particles, found = [], [], []
-    for block, i, j, terms in neighbours.listed(task, columns, per_h[None], reach, targets):
+    for block, i, j, terms in neighbours.listed(task, columns, per_h, reach, targets):
         sums = dict(zip(task.terms, terms, strict=True))
         inside = sums[task.terms[-1]] > 0.0
         here = targets[block[i[inside]]]
