@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 
 PREDICTED, MEASURED, REFERENCE = "predicted", "measured", "reference"
 KINDS = (PREDICTED, MEASURED, REFERENCE)
+CHANCE = "one 95 % interval in twenty misses by chance"
 COLUMNS = ("panel", "label", "kind", "x", "y", "low", "high", "predicted")
 
 #: dark and light alternate, so that neighbours differ in grey too
-COLOURS = ("#0b3c5d", "#d1495b", "#2e8b57", "#e08e0b", "#6a4c93", "#3aa6b9", "#7a5230", "#9aa0a6")
+COLOURS = ("#0b3c5d", "#e08e0b", "#a4243b", "#3aa6b9", "#5b3a8c", "#7fb069", "#7a5230", "#9aa0a6")
 DASHES: tuple[Any, ...] = (
     "-",
     "--",
@@ -54,6 +55,7 @@ class Curve:
     low, high: 95 % confidence interval of y, (n,), measured points only
     predicted: what theory says at the same x, (n,), measured points only
     floor: what rounding alone may do to y; points below it are not compared
+    beyond: what the prediction leaves out, the reason where a point is off it
     """
 
     label: str
@@ -64,6 +66,7 @@ class Curve:
     high: Floats | None = None
     predicted: Floats | None = None
     floor: float = 0.0
+    beyond: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,8 +111,8 @@ class Picture:
                     yield number, curve
 
     def agreement(self, within: float = 0.05) -> tuple[int, list[dict[str, Any]]]:
-        """How many measured points were compared, and those off their prediction: further than
-        `within` of it and with a confidence interval that does not hold it."""
+        """How many measured points were compared, and those off their prediction, with the reason:
+        further than `within` of it and with a confidence interval that does not hold it."""
         compared, off = 0, []
         for number, curve in self.measured():
             assert curve.predicted is not None
@@ -120,9 +123,9 @@ class Picture:
                 low = y if curve.low is None else curve.low[i]
                 high = y if curve.high is None else curve.high[i]
                 if abs(y - p) > within * abs(p) and not low <= p <= high:
-                    off.append(
-                        {"panel": number, "label": curve.label, "x": x, "y": y, "predicted": p}
-                    )
+                    reason = curve.beyond or ("unexplained" if curve.low is None else CHANCE)
+                    row = {"panel": number, "label": curve.label, "x": x, "y": y, "predicted": p}
+                    off.append({**row, "reason": reason})
         return compared, off
 
     def to_csv(self) -> str:
@@ -162,10 +165,11 @@ def measured(
     high: ArrayLike | None = None,
     predicted: ArrayLike | None = None,
     floor: float = 0.0,
+    beyond: str = "",
 ) -> Curve:
     """Points, with confidence intervals and predictions if there are any."""
     below, above, theory = (None if v is None else _array(v) for v in (low, high, predicted))
-    return Curve(label, MEASURED, _array(x), _array(y), below, above, theory, floor)
+    return Curve(label, MEASURED, _array(x), _array(y), below, above, theory, floor, beyond)
 
 
 def reference(label: str, x: ArrayLike, y: ArrayLike) -> Curve:
@@ -340,8 +344,13 @@ def _contours(axis: Axes, field: Field) -> None:
     level = np.log10(field.z)
     steps = np.arange(np.floor(level.min()), np.ceil(level.max()) + 0.5, 0.5)
     filled = axis.contourf(field.x, field.y, level, levels=steps, cmap="Greys_r", alpha=0.55)
-    lines = axis.contour(field.x, field.y, level, levels=steps, colors="#333333", linewidths=0.6)
-    axis.clabel(lines, steps[steps % 1 == 0], fmt=lambda v: f"$10^{{{v:.0f}}}$", fontsize=8)
+    lines = axis.contour(
+        field.x, field.y, level, levels=steps, colors="#333333", linewidths=0.6, linestyles="-"
+    )
+    whole = [v for v in steps if v % 1 == 0 and level.min() < v < level.max()]
+    for text in axis.clabel(lines, whole, fmt=lambda v: f"$10^{{{v:.0f}}}$", fontsize=8):
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})
+        text.set_zorder(4)
     figure = axis.get_figure()
     assert figure is not None
     figure.colorbar(filled, ax=axis, label=field.label, format="%.1f")

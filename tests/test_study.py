@@ -263,6 +263,41 @@ def test_dask_without_distributed_is_told(capsys, monkeypatch):
     assert "pip install distributed" in capsys.readouterr().err
 
 
+def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
+    """Two worker processes of Dask on this machine, one of them killed in the middle."""
+    distributed = pytest.importorskip(
+        "distributed", reason="--dask is tested where it is installed"
+    )
+    command = [*COMMAND, "--dim", "2", "--targets", "800"]
+    whole, path = tmp_path / "whole.csv", tmp_path / "table.csv"
+    subprocess.run([*command, "-o", str(whole)], check=True, capture_output=True)
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=None,
+        local_directory=str(tmp_path / "scratch"),
+    ) as cluster:
+        victim = next(iter(cluster.workers.values())).pid
+        process = subprocess.Popen(
+            [*command, "--dask", cluster.scheduler_address, "-o", str(path)],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        journal = tmp_path / "table.csv.journal"
+        until = time.monotonic() + 60
+        while time.monotonic() < until and not (
+            journal.exists() and journal.read_bytes().count(b"\n") > 3
+        ):
+            time.sleep(0.01)
+        os.kill(victim, signal.SIGKILL)
+        kept = journal.read_bytes().count(b"\n")
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    assert 3 < kept < 25  # the head and 24 groups: it was in the middle
+    assert path.read_bytes() == whole.read_bytes()
+
+
 def test_predictions_stand_beside_and_agree():
     study = Study(
         axes={

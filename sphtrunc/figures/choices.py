@@ -20,7 +20,7 @@ from sphtrunc.figures.disorder import (
     scene_at,
     theory,
 )
-from sphtrunc.figures.uniform import DX, H, wave_error
+from sphtrunc.figures.uniform import DX, H, named, wave_error
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Field, Panel, Picture, measured, predicted, reference
 from sphtrunc.scene import lattice
@@ -45,7 +45,7 @@ def stencils(kernel: str | None, quick: bool) -> Picture:
         _wavenumbers(shape, quick),
         _irregular(shape, moved, ratio, quick),
     ]
-    return Picture("stencils", f"Gradient weights in 1D, {shape.name}", tuple(panels))
+    return Picture("stencils", f"Gradient weights in 1D, {named(shape)}", tuple(panels))
 
 
 def _weights(kernel: Kernel, scene: Any, title: str) -> Panel:
@@ -115,13 +115,14 @@ def _irregular(kernel: Kernel, scene: Any, ratio: Fraction, quick: bool) -> Pane
     fine, coarse = logs(0.02, 0.9, 50), logs(0.02, 0.9, 6 if quick else 12)
     curves: list[Curve] = []
     for label, operator in (("standard", STANDARD), ("difference", DIFFERENCE), ("CSPH", CSPH)):
-        lengths = [v / (2 * float(ratio)) for v in fine]
-        curves.append(predicted(label, fine, theory(kernel, operator, scene, lengths)))
+        line = sorted({*fine, *coarse})
+        lengths = [v / (2 * float(ratio)) for v in line]
+        at = dict(zip(line, theory(kernel, operator, scene, lengths), strict=True))
+        curves.append(predicted(label, line, list(at.values())))
         lengths = [v / (2 * float(ratio)) for v in coarse]
         rtol = 0.02 if quick else 0.01
         (row,) = waves(scene, kernel, [operator], lengths, rtol=rtol, seed=SEED, workers=2)
-        expected = theory(kernel, operator, scene, lengths)
-        curves.append(points(label, coarse, row, expected))
+        curves.append(points(label, coarse, row, [at[v] for v in coarse], operator))
     index = np.arange(20000)
     u = scene.displacement(index[None])[0]
     x = index + u
@@ -160,7 +161,10 @@ def tuning(kernel: str | None, quick: bool) -> Picture:
         assert splits is not None
         z.append([split.total for split in splits])
     counts = (8, 16, 32, 64, 128)
-    best = [best_at_particles(problem, shape, float(n)) for n in counts]
+    best = [
+        best_at_particles(problem, shape, float(n))
+        for n in np.geomspace(8, 200, 8 if quick else 14)
+    ]
     inside = [s for s in best if r[0] <= s.dx_over_h <= r[-1]]
     label = r"$\log_{10}$ rms error"
     contours = Field(x, r, np.array(z), label)
@@ -177,9 +181,9 @@ def tuning(kernel: str | None, quick: bool) -> Picture:
     right: list[Curve] = []
     for n in counts[:3]:
         label = rf"$\lambda/\Delta x = {n}$"
-        fine = ratios(0.35, 1.2, 14 if quick else 40)
-        right.append(predicted(label, [float(v) for v in fine], _across(problem, shape, n, fine)))
         coarse = ratios(0.4, 1.1, 4 if quick else 8)
+        fine = sorted({*ratios(0.35, 1.2, 24 if quick else 40), *coarse})
+        right.append(predicted(label, [float(v) for v in fine], _across(problem, shape, n, fine)))
         found = []
         for value in coarse:
             scene = scene_at(dim, value, sigma)
@@ -190,7 +194,7 @@ def tuning(kernel: str | None, quick: bool) -> Picture:
         expected = _across(problem, shape, n, coarse)
         right.append(points(label, [float(v) for v in coarse], found, expected))
     panels = (left, Panel(DX, "rms error / largest exact gradient", tuple(right)))
-    caption = rf"Difference form, 3D, {shape.name}, $\sigma/\Delta x = {sigma:g}$"
+    caption = rf"Difference form, 3D, {named(shape)}, $\sigma/\Delta x = {sigma:g}$"
     return Picture("tuning", caption, panels)
 
 
@@ -250,4 +254,7 @@ def _along(
         )
         found.append(one)
     errors = [s.error.total for s in best]
-    return [predicted(label, work, errors), points(label, work, found, errors)]
+    return [
+        predicted(label, work, errors),
+        points(label, work, found, errors, problem.operator),
+    ]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.convention import BALL
-from sphtrunc.figures.uniform import DX, UNIT, H
-from sphtrunc.operators import Operator
+from sphtrunc.figures.uniform import DX, UNIT, H, named
+from sphtrunc.operators import FATEHI_MANZARI, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
 from sphtrunc.response import predict_waves
@@ -29,6 +29,8 @@ DIFFERENCE = Operator("gradient", "difference")
 CSPH = Operator("gradient", "difference", "csph")
 RKPM = Operator("gradient", "standard", "rkpm-1")
 SEED = 7
+NEIGHBOURS = r"neighbours $N_{nb}$"
+BEYOND = "the prediction is to first order in the algebra of the correction"
 
 
 def scene_at(
@@ -66,6 +68,7 @@ def points(
     x: Sequence[float],
     found: Sequence[Measurement],
     predictions: Sequence[float] | None,
+    operator: Operator = STANDARD,
 ) -> Curve:
     """Measured points with their confidence intervals."""
     errors = [m.error for m in found]
@@ -78,6 +81,7 @@ def points(
         high=[e["rms_ci95"][1] for _, e, _ in kept],
         predicted=None if predictions is None else [predictions[i] for _, _, i in kept],
         floor=100 * UNIT / (2 * pi * min(x)),
+        beyond="" if operator.correction == "none" and operator.form != FATEHI_MANZARI else BEYOND,
     )
 
 
@@ -91,9 +95,11 @@ def against_h(
     """Curves and points against h/λ; a case is (label, operator, scene)."""
     curves: list[Curve] = []
     for label, operator, scene in cases:
-        curves.append(predicted(label, fine, theory(kernel, operator, scene, fine)))
+        line = sorted({*fine, *coarse})  # the curve is drawn through every point
+        at = dict(zip(line, theory(kernel, operator, scene, line), strict=True))
+        curves.append(predicted(label, line, list(at.values())))
         ((row),) = waves(scene, kernel, [operator], coarse, rtol=rtol, seed=SEED, workers=2)
-        curves.append(points(label, coarse, row, theory(kernel, operator, scene, coarse)))
+        curves.append(points(label, coarse, row, [at[x] for x in coarse], operator))
     return curves
 
 
@@ -116,15 +122,16 @@ def against_dx(
                 return float(ratio)
             return float(BALL[dim]) * (float(kernel.support) / float(ratio)) ** dim
 
-        line = [theory(kernel, operator, scene_at(dim, r, sigma), [length])[0] for r in fine]
-        curves.append(predicted(label, [x(r) for r in fine], line))
-        found, expected = [], []
+        line = sorted({*fine, *coarse})
+        at = {r: theory(kernel, operator, scene_at(dim, r, sigma), [length])[0] for r in line}
+        curves.append(predicted(label, [x(r) for r in line], list(at.values())))
+        found = []
         for ratio in coarse:
             scene = scene_at(dim, ratio, sigma)
             ((one,),) = waves(scene, kernel, [operator], [length], rtol=rtol, seed=SEED, workers=2)
             found.append(one)
-            expected += theory(kernel, operator, scene, [length])
-        curves.append(points(label, [x(r) for r in coarse], found, expected))
+        expected = [at[r] for r in coarse]
+        curves.append(points(label, [x(r) for r in coarse], found, expected, operator))
     return curves
 
 
@@ -149,7 +156,7 @@ def disorder_h(kernel: str | None, quick: bool) -> Picture:
     curves = against_h(shape, cases, logs(1e-4, 0.5, 60), coarse, 0.02 if quick else 0.01)
     curves.append(slope(r"$\propto 1/h$", -1, (2e-4, 3e-3), (1e-3, 2e1)))
     panel = Panel(H, ERROR, tuple(curves), legend="upper right")
-    caption = rf"Standard gradient, 1D, {shape.name}, $\Delta x/h = 4/11$"
+    caption = rf"Standard gradient, 1D, {named(shape)}, $\Delta x/h = 4/11$"
     return Picture("disorder-h", caption, (panel,))
 
 
@@ -167,7 +174,7 @@ def disorder_dx(kernel: str | None, quick: bool) -> Picture:
     )
     curves.append(slope(r"$\propto (\Delta x/h)^{3/2}$", 1.5, (0.11, 0.5), (0.2, 2.0)))
     panel = Panel(DX, ERROR, tuple(curves), legend="lower left", ylim=(2e-5, 20))
-    caption = rf"Standard gradient, 1D, {shape.name}, $h/\lambda = 0.022$"
+    caption = rf"Standard gradient, 1D, {named(shape)}, $h/\lambda = 0.022$"
     return Picture("disorder-dx", caption, (panel,))
 
 
@@ -180,8 +187,12 @@ def randomness(kernel: str | None, quick: bool) -> Picture:
     panels = []
     for title, operator in (("standard form", STANDARD), ("CSPH", CSPH)):
         cases = [
-            (f"{name}", operator, scene_at(1, ratio, sigma, name))
-            for name in ("gaussian", "uniform", "blue")
+            (label, operator, scene_at(1, ratio, sigma, name))
+            for label, name in (
+                ("Gaussian", "gaussian"),
+                ("uniform", "uniform"),
+                ("blue noise", "blue"),
+            )
         ]
         curves = against_h(shape, cases, fine, coarse, rtol)
         for label, scene in (
@@ -191,7 +202,7 @@ def randomness(kernel: str | None, quick: bool) -> Picture:
             (row,) = waves(scene, shape, [operator], coarse, seed=SEED, workers=2)
             curves.append(points(label, coarse, row, None))
         panels.append(Panel(H, ERROR, tuple(curves), title=title))
-    caption = rf"1D, {shape.name}, $\Delta x/h = 1/2$, displacements of $\sigma/\Delta x = 0.1$"
+    caption = rf"1D, {named(shape)}, $\Delta x/h = 1/2$, displacements of $\sigma/\Delta x = 0.1$"
     return Picture("randomness", caption, tuple(panels))
 
 
@@ -236,7 +247,7 @@ def first_order(kernel: str | None, quick: bool) -> Picture:
         slope(r"$\propto h$", 1, (2e-4, 3e-3), (1e-3, 4e-5)),
     ]
     panel = Panel(H, ERROR, tuple(curves), legend="upper right")
-    caption = rf"Gradient, 1D, {shape.name}, $\Delta x/h = 0.7$, $\sigma/\Delta x = 0.05$"
+    caption = rf"Gradient, 1D, {named(shape)}, $\Delta x/h = 0.7$, $\sigma/\Delta x = 0.05$"
     return Picture("first-order", caption, (panel,))
 
 
@@ -246,7 +257,7 @@ def three_d_standard(kernel: str | None, quick: bool) -> Picture:
     chosen = [Fraction(1, 2), Fraction(7, 10), Fraction(1)]
     cases = [(rf"$\Delta x/h = {float(r):g}$", STANDARD, scene_at(3, r, 0.2)) for r in chosen]
     rtol = 0.03 if quick else 0.02
-    left = against_h(shape, cases, logs(1e-3, 0.5, 40), logs(1e-3, 0.5, 6 if quick else 10), rtol)
+    left = against_h(shape, cases, logs(1e-3, 0.5, 80), logs(1e-3, 0.5, 6 if quick else 10), rtol)
     left.append(slope(r"$\propto 1/h$", -1, (2e-3, 2e-2), (1e-2, 10.0)))
     rows = [
         (rf"$h/\lambda = {length:g}$", length)
@@ -263,12 +274,12 @@ def three_d_standard(kernel: str | None, quick: bool) -> Picture:
             rtol,
             neighbours=True,
         )
-    right.append(slope(r"$\propto N_{nb}^{-5/6}$", -5 / 6, (60.0, 250.0), (100.0, 15.0)))
+    right.append(slope(r"$\propto N_{nb}^{-5/6}$", -5 / 6, (60.0, 250.0), (100.0, 10.0)))
     panels = (
         Panel(H, ERROR, tuple(left), legend="upper right"),
-        Panel("neighbours", ERROR, tuple(right), legend="lower left", ylim=(0.03, 60)),
+        Panel(NEIGHBOURS, ERROR, tuple(right), legend="lower left", ylim=(0.03, 60)),
     )
-    caption = rf"Standard gradient, 3D, {shape.name}, $\sigma/\Delta x = 0.2$"
+    caption = rf"Standard gradient, 3D, {named(shape)}, $\sigma/\Delta x = 0.2$"
     return Picture("3d-standard", caption, panels)
 
 
@@ -278,7 +289,7 @@ def three_d_corrected(kernel: str | None, quick: bool) -> Picture:
     forms = [("standard", STANDARD), ("difference", DIFFERENCE), ("CSPH", CSPH), ("RKPM-1", RKPM)]
     rtol = 0.03 if quick else 0.02
     cases = [(label, operator, scene_at(3, Fraction(7, 10), 0.2)) for label, operator in forms]
-    left = against_h(shape, cases, logs(1e-3, 0.5, 30), logs(1e-3, 0.5, 6 if quick else 10), rtol)
+    left = against_h(shape, cases, logs(1e-3, 0.5, 80), logs(1e-3, 0.5, 6 if quick else 10), rtol)
     left.append(slope(r"$\propto h$", 1, (2e-3, 2e-2), (1e-2, 3e-4)))
     right = against_dx(
         shape,
@@ -291,9 +302,9 @@ def three_d_corrected(kernel: str | None, quick: bool) -> Picture:
     )
     panels = (
         Panel(H, ERROR, tuple(left), title=r"$\Delta x/h = 0.7$", legend="upper right"),
-        Panel("neighbours", ERROR, tuple(right), title=r"$h/\lambda = 0.02$", legend="best"),
+        Panel(NEIGHBOURS, ERROR, tuple(right), title=r"$h/\lambda = 0.02$", legend="best"),
     )
-    caption = rf"Gradient, 3D, {shape.name}, $\sigma/\Delta x = 0.2$"
+    caption = rf"Gradient, 3D, {named(shape)}, $\sigma/\Delta x = 0.2$"
     return Picture("3d-corrected", caption, panels)
 
 
@@ -312,7 +323,7 @@ def second_derivatives(kernel: str | None, quick: bool) -> Picture:
     panels = []
     for title, sigma in (("uniform", 0.0), (r"$\sigma/\Delta x = 0.05$", 0.05)):
         cases = [(label, o, scene_at(2, Fraction(1, 2), sigma)) for label, o in forms.items()]
-        curves = against_h(shape, cases, logs(1e-3, 0.4, 50), coarse, 0.02 if quick else 0.01)
+        curves = against_h(shape, cases, logs(1e-3, 0.4, 100), coarse, 0.02 if quick else 0.01)
         panels.append(Panel(H, "rms error / largest exact Laplacian", tuple(curves), title=title))
-    caption = rf"Laplacian, 2D, {shape.name}, $\Delta x/h = 1/2$"
+    caption = rf"Laplacian, 2D, {named(shape)}, $\Delta x/h = 1/2$"
     return Picture("second-derivatives", caption, tuple(panels))

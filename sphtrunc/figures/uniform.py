@@ -67,7 +67,7 @@ def seen(
 
 
 def kernels(kernel: str | None, quick: bool) -> Picture:
-    """Ŵ, Ŵ′, Ŵ″ in 1D and |F(k)|."""
+    """Ŵ, Ŵ′, Ŵ″ in 1D and |F(kh)|."""
     chosen = ["cubic-spline", "quintic-spline", "polynomial:4", "wendland-c4-1d"]
     if kernel is not None:
         chosen = [kernel, *(name for name in chosen if name != kernel)][:4]
@@ -98,7 +98,7 @@ def kernels(kernel: str | None, quick: bool) -> Picture:
     panels.append(
         Panel(
             r"$kh/\pi$",
-            r"$|F(k)|$",
+            r"$|F(kh)|$",
             tuple(curves),
             xscale="linear",
             ylim=(1e-9, 2),
@@ -113,26 +113,21 @@ def uniform_smoothing(kernel: str | None, quick: bool) -> Picture:
     shape = parse_kernel(kernel or "polynomial:4")
     kappa = _fraction(shape)
     ratios = [2 * kappa / n for n in (5, 7, 9, 11, 20)]
-    fine = list(np.geomspace(1e-4, 0.5, 60 if quick else 200))
-    coarse = list(np.geomspace(1e-4, 0.5, 8 if quick else 19))
+    fine = [float(x) for x in np.geomspace(1e-4, 0.5, 120 if quick else 200)]
+    coarse = [float(x) for x in np.geomspace(1e-4, 0.5, 8 if quick else 19)]
     curves: list[Curve] = []
     for ratio in ratios:
         label = rf"$\Delta x/h = {_short(ratio)}$"
-        curves.append(predicted(label, fine, uniform_error(shape, ratio, fine)))
+        line = sorted({*fine, *coarse})  # the curve is drawn through every point
+        at = dict(zip(line, uniform_error(shape, ratio, line), strict=True))
+        curves.append(predicted(label, line, list(at.values())))
         found, floor = seen(shape, ratio, coarse)
-        curves.append(
-            measured(
-                label,
-                coarse,
-                found,
-                predicted=uniform_error(shape, ratio, coarse),
-                floor=floor,
-            )
-        )
+        expected = [at[x] for x in coarse]
+        curves.append(measured(label, coarse, found, predicted=expected, floor=floor))
     level = 0.2 * float(shape.moment(2, 1)) / 2 / sqrt(2)
     curves.append(slope(r"$\propto h^2$", 2, (6e-3, 6e-2), (1e-2, level * (2 * pi * 1e-2) ** 2)))
     panel = Panel(H, ERROR, tuple(curves), legend="lower right")
-    return Picture("uniform-smoothing", f"Uniform particles in 1D, {shape.name}", (panel,))
+    return Picture("uniform-smoothing", f"Uniform particles in 1D, {named(shape)}", (panel,))
 
 
 def uniform_discretisation(kernel: str | None, quick: bool) -> Picture:
@@ -141,8 +136,8 @@ def uniform_discretisation(kernel: str | None, quick: bool) -> Picture:
     kappa = _fraction(shape)
     span = (Fraction(1, 5), Fraction(3, 4) * kappa)
     lengths = [0.001, 0.01, 0.1]
-    fine = _ratios(span, 120 if quick else 500)
     generic = _ratios(span, 8 if quick else 16)
+    fine = sorted({*_ratios(span, 300 if quick else 600), *generic})
     aligned = [r for n in range(1, 60, 2) if span[0] <= (r := 2 * kappa / n) <= span[1]]
     aligned = aligned[:: 3 if quick else 1]
     curves: list[Curve] = []
@@ -164,7 +159,7 @@ def uniform_discretisation(kernel: str | None, quick: bool) -> Picture:
         label = r"$2\kappa/n$: leading term of the edge alone"
         curves.append(predicted(label, [float(r) for r in fine], edge))
     panel = Panel(DX, ERROR, tuple(curves), ylim=(1e-8, 10), legend="upper left")
-    caption = f"Uniform particles in 1D, {shape.name}"
+    caption = f"Uniform particles in 1D, {named(shape)}"
     return Picture("uniform-discretisation", caption, (panel,))
 
 
@@ -196,9 +191,10 @@ def kernel_comparison(kernel: str | None, quick: bool) -> Picture:
     if kernel is not None:
         families = {"own": [kernel], **families}
     span = (Fraction(1, 5), Fraction(7, 5))
-    fine, coarse = _ratios(span, 100 if quick else 400), _ratios(span, 7 if quick else 15)
+    coarse = _ratios(span, 7 if quick else 15)
+    fine = sorted({*_ratios(span, 200 if quick else 400), *coarse})
     panels = []
-    for title, members in families.items():
+    for family, members in families.items():
         curves: list[Curve] = []
         for name in members:
             shape = parse_kernel(name)
@@ -210,7 +206,9 @@ def kernel_comparison(kernel: str | None, quick: bool) -> Picture:
                 )
             )
             curves.append(_points(shape, coarse, 0.0018, shape.name))
-        panels.append(Panel(DX, ERROR, tuple(curves), title=title, legend="lower right"))
+        panels.append(
+            Panel(DX, ERROR, tuple(curves), title=family, legend="lower right", ylim=(1e-7, 2))
+        )
     caption = r"Uniform particles in 1D, $h/\lambda = 0.0018$"
     return Picture("kernel-comparison", caption, tuple(panels))
 
@@ -230,6 +228,14 @@ def _ratios(span: tuple[Fraction, Fraction], n: int) -> list[Fraction]:
     """n rationals, evenly in the logarithm."""
     exponents = np.linspace(log10(span[0]), log10(span[1]), n)
     return [Fraction(10**x).limit_denominator(10**6) for x in exponents]
+
+
+def named(kernel: Kernel) -> str:
+    """The kernel as a caption has room for it."""
+    name, _, beta = kernel.name.partition(":")
+    if name == "polynomial" and beta.isdigit():
+        return rf"{kernel.name}, $(4 - q^2)^{{{int(beta) + 1}}}$"
+    return kernel.name if len(kernel.name) <= 40 else f"{kernel.name[:39]}…"
 
 
 def _fraction(kernel: Kernel) -> Fraction:
