@@ -248,6 +248,31 @@ def test_the_engines_agree(name, mode) -> None:
             assert np.all(bound <= 1e-12)
 
 
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("far", [0, 10**6])
+@pytest.mark.parametrize("one_reach", [True, False])
+def test_pairs_are_those_of_whole_numbers(dim, far, one_reach) -> None:
+    """On whole numbers, some of them far away, every distance is exact: no pair is lost or added,
+    many of them as far apart as the reach itself."""
+    rng = np.random.default_rng(dim + far)
+    x = rng.integers(0, {1: 900, 2: 40, 3: 14}[dim], (900, dim)).astype(np.float64)
+    x[:40] *= 1 + far
+    reach = np.array([5.0]) if one_reach else rng.integers(0, 7, 900).astype(np.float64)
+    order = neighbours.ordered(x)
+    slots = np.sort(rng.permutation(900)[:700])
+    radius = np.broadcast_to(reach if one_reach else reach[order.slots], (900,))
+    found = {
+        (int(block[a]), int(b))
+        for block, i, j in neighbours.pairs_of(order, slots, radius, 20)
+        for a, b in zip(i, j, strict=True)
+    }
+    places = order.x.T
+    square = ((places[slots][:, None] - places[None]) ** 2).sum(axis=2)
+    i, j = np.nonzero(square <= radius[slots][:, None] ** 2)
+    assert (square == radius[slots][:, None] ** 2).sum() > 900
+    assert found == set(zip(slots[i].tolist(), j.tolist(), strict=True))
+
+
 @engines
 @pytest.mark.parametrize("mode", ["gather", "scatter", "mean"])
 @pytest.mark.parametrize("period", [None, 10.0])
