@@ -41,6 +41,7 @@ class Arithmetic(Protocol):
     def drop(self, x: Any, where: Any) -> Any: ...
     def solve(self, matrix: Any, columns: Any, health: Health) -> Any: ...
     def value(self, x: Any) -> Array: ...
+    def rest(self, x: Any) -> Array: ...
 
 
 @dataclass(eq=False)
@@ -100,6 +101,10 @@ class Plain:
 
     def value(self, x: Any) -> Array:
         return np.asarray(x, dtype=np.float64)
+
+    def rest(self, x: Any) -> Array:
+        """What a number holds beside its value: nothing, a radius, or the digits that follow."""
+        return np.zeros(np.shape(x))
 
 
 class Scaled:

@@ -234,6 +234,10 @@ class Bounded:
     def value(self, x: Any) -> Array:
         return self.base.value(_ball(x).middle)
 
+    def rest(self, x: Any) -> Array:
+        """The radius."""
+        return np.asarray(_ball(x).radius)
+
 
 def _each(rows: Any, name: str) -> Any:
     return [[getattr(x, name) for x in row] for row in rows]

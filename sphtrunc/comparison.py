@@ -125,6 +125,7 @@ def predict_error(
     operator: Operator,
     scene: Scene,
     field: Sinusoid | Polynomial | Mapping[MultiIndex, float],
+    precision: str = "plain",
 ) -> Split:
     """The predicted rms error of an estimate, all its components together, split into its parts.
 
@@ -132,6 +133,7 @@ def predict_error(
         derivatives at the target, α -> h^{|α|} A^{(α)}, in units of h: a derivative taken in other
         units of length is to be multiplied by h^{|α|} in these. Those not named are zero. A
         polynomial is the same, with c_α = h^{|α|} A^{(α)}/α!.
+    precision: in which the sums are evaluated, as for `measure`
 
     The error is relative to the largest exact derivative of the order of the operator, as `measure`
     has it: of a sinusoid over all phases, of other fields at the target (or to 1 if all are zero).
@@ -166,6 +168,7 @@ def predict_error(
         sigma=sigma,
         distribution=distribution,
         volume=lattice.volume,
+        precision=precision,
     )[0]
 
 
@@ -190,7 +193,8 @@ def beside(
                 row = {"mean": found.mean[alpha], "std": std, "std_ratio": ratio}
                 result["moments"][label(alpha)] = row
         if field is not None:
-            split = predict_error(kernel, operator, scene, field)
+            precision = measured.settings["precision"]
+            split = predict_error(kernel, operator, scene, field, precision)
             error = measured.error
             ratio = error["rms"] / split.total if error and split.total else None
             result["error"] = {**asdict(split), "ratio": ratio}

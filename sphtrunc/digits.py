@@ -149,6 +149,10 @@ class Extended:
         x = _pair(x)
         return np.asarray(x.high + x.low)
 
+    def rest(self, x: Any) -> Array:
+        """The low part."""
+        return np.asarray(_pair(x).low)
+
 
 def _horner(coefficients: Any, t: Pair) -> tuple[Any, Any]:
     value = _pair(np.zeros_like(t.high))
@@ -276,3 +280,7 @@ class Exact:
 
     def value(self, x: Any) -> Array:
         return np.asarray(x, dtype=np.float64)
+
+    def rest(self, x: Any) -> Array:
+        """What the nearest floats leave."""
+        return np.asarray(x - self.number(self.value(x)), dtype=np.float64)

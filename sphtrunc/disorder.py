@@ -22,6 +22,7 @@ from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
+from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import Laurent, angular, lattice_sums, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import Key, Operator
@@ -77,6 +78,7 @@ def predict(
 
     Raises ValueError for a correction whose matrix is singular on this lattice.
     """
+    operator.require_pairs(not sigma and in_pairs(kind, offset))
     dim = len(offset)
     keys = operator.needed(dim, degree)
     sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, False, volume)

@@ -71,6 +71,7 @@ def estimates(
     fields: values at the particles, (n,) or (F, n); degree: also measure moments up to this one
     Other arguments as for `pair_sums`. Raises ValueError as that does.
     """
+    operator.require_pairs(False)
     dim = scene.dim
     keys = [] if operator.uncorrected else operator.needed(dim, 0)
     shape = _structure(operator, dim)
@@ -255,8 +256,8 @@ def in_one_pass(task: Task, targets: Any, workers: int) -> Block | None:
         if truth is None
         else np.stack([p - t for p, t in zip(parts, truth, strict=True)]),
         moments=found.moments,
-        estimate_bound=None,
-        moment_bound={},
+        rest=None,
+        moment_rest=None,
         pairs=found.neighbours,
         neighbours=found.others,
         condition=found.condition,
@@ -280,6 +281,7 @@ def weights(
     """
     from scipy.sparse import csr_array
 
+    operator.require_pairs(False)
     shape = _structure(operator, scene.dim)
     if not 0 <= axis < len(shape):
         raise ValueError(f"axis: got {axis}, expected 0 to {len(shape) - 1}")

@@ -23,9 +23,9 @@ from sphtrunc.estimates import in_one_pass
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.operators import Operator
+from sphtrunc.operators import PAIRED, Operator
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, sample
+from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, paired, sample
 from sphtrunc.summation import Array
 from sphtrunc.sums import estimate, exact_derivatives
 
@@ -88,7 +88,8 @@ class Task:
         target: Indices,
     ) -> Block:
         samples = [
-            one.at(number, block, s, own) for one, own in zip(self.fields, owns, strict=True)
+            one.at(number, block, s, own, self.operator.form == PAIRED)
+            for one, own in zip(self.fields, owns, strict=True)
         ]
         health = Health()
         parts, moments = estimate(
@@ -115,16 +116,13 @@ class Task:
             inside &= block.particle >= 0
         within = inside & (distance < float(self.kernel.support))
         away = (within & (distance > 0.0)).sum(axis=0)
-        shown = errors or parts or None
         return Block(
             target=target,
-            estimates=_values(number, parts),
-            errors=None if errors is None else _values(number, errors),
+            estimates=_stacked(number.value, parts),
+            errors=_stacked(number.value, errors),
             moments={a: _wide(number.value(m), target.size) for a, m in moments.items()},
-            estimate_bound=None if shown is None else _apart(shown, "radius", "low"),
-            moment_bound={
-                a: _wide(_apart([m], "radius", "low")[0], target.size) for a, m in moments.items()
-            },
+            rest=_stacked(number.rest, errors or parts),
+            moment_rest={a: _wide(number.rest(m), target.size) for a, m in moments.items()},
             pairs=inside.sum(axis=0),
             neighbours=away,
             condition=_wide(np.asarray(health.condition), target.size),
@@ -163,15 +161,8 @@ def _is_wave(fields: tuple[Field, ...]) -> bool:
     return bool(fields) and all(isinstance(one, Sinusoid) for one in fields)
 
 
-def _values(number: Any, parts: list[Any]) -> Array | None:
-    return np.stack(np.broadcast_arrays(*[number.value(p) for p in parts])) if parts else None
-
-
-def _apart(parts: list[Any], *names: str) -> Array:
-    """What numbers hold beside their values: the radius of a ball, the low part of a pair."""
-    found = [next((getattr(p, n) for n in names if hasattr(p, n)), np.zeros(())) for p in parts]
-    shapes = np.broadcast_shapes(*(np.shape(x) for x in found))
-    return np.stack([np.broadcast_to(np.asarray(x, dtype=np.float64), shapes) for x in found])
+def _stacked(read: Callable[[Any], Array], parts: list[Any] | None) -> Array | None:
+    return np.stack(np.broadcast_arrays(*[read(p) for p in parts])) if parts else None
 
 
 def _nearer(bounded: Block, fine: Block) -> Block:
@@ -182,21 +173,15 @@ def _nearer(bounded: Block, fine: Block) -> Block:
         return (np.abs((value - rough) + rest) + FINER * radius) * SLACK
 
     shown = "estimates" if bounded.errors is None else "errors"
+    moments = bounded.moment_rest or {}
     return replace(
         bounded,
-        estimate_bound=None
-        if bounded.estimates is None
-        else bound(
-            getattr(bounded, shown),
-            getattr(fine, shown),
-            fine.estimate_bound,
-            bounded.estimate_bound,
-        ),
-        moment_bound={
-            a: bound(m, fine.moments[a], (fine.moment_bound or {})[a], radius)
-            for (a, radius), m in zip(
-                (bounded.moment_bound or {}).items(), bounded.moments.values(), strict=True
-            )
+        rest=None
+        if bounded.rest is None
+        else bound(getattr(bounded, shown), getattr(fine, shown), fine.rest, bounded.rest),
+        moment_rest={
+            a: bound(bounded.moments[a], fine.moments[a], (fine.moment_rest or {})[a], radius)
+            for a, radius in moments.items()
         },
     )
 
@@ -258,8 +243,8 @@ def _joined(blocks: list[Block], target: Indices) -> Block:
             a: np.concatenate([b.moments[a] for b in blocks])[: target.size]
             for a in blocks[0].moments
         },
-        estimate_bound=None,
-        moment_bound={},
+        rest=side([b.rest for b in blocks]),
+        moment_rest=None,
         pairs=np.concatenate([b.pairs for b in blocks])[: target.size],
         neighbours=np.concatenate([b.neighbours for b in blocks])[: target.size],
         condition=np.concatenate([b.condition for b in blocks])[: target.size],
@@ -310,6 +295,7 @@ def measure(
     kernel = parse_kernel(kernel)
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
+    operator.require_pairs(paired(scene))
     fields = _fields(field, operator, scene.dim)
     degree = _degree(moments, operator, bool(fields))
     if precision not in PRECISIONS or bound:

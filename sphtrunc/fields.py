@@ -24,7 +24,8 @@ from sphtrunc.summation import Array
 class Sample:
     """A scalar field around T targets.
 
-    difference: (N, T) A_b − A_a, in the arithmetic asked for
+    difference: (N, T) A_b − A_a, in the arithmetic asked for; or half of A(s) − A(−s), the odd
+        part of the field
     own: (T,) A_a, likewise
     derivatives: multi-index -> (T,) exact derivative at the target, or None where unknown
     """
@@ -55,13 +56,20 @@ class Sinusoid:
         phi = 2.0 * pi * uniform01(target.astype(np.uint64), seed, 200 + component)
         return np.sin(phi), np.cos(phi)
 
-    def at(self, number: Any, block: Neighbourhood, s: list[Any], own: tuple[Any, Any]) -> Sample:
-        """Sample for given sin φ and cos φ."""
+    def at(
+        self,
+        number: Any,
+        block: Neighbourhood,
+        s: list[Any],
+        own: tuple[Any, Any],
+        odd: bool = False,
+    ) -> Sample:
+        """Sample for given sin φ and cos φ; the odd part is cos φ sin k·s."""
         k = self.wave()
         a, c = number.number(own[0]), number.number(own[1])
         half = sum(number.number(0.5 * k_i) * s_i for k_i, s_i in zip(k, s, strict=True))
         sine, cosine = number.sincos(half)
-        difference = 2 * (sine * (c * cosine - a * sine))
+        difference = 2 * (sine * (c * cosine if odd else c * cosine - a * sine))
         derivatives = {}
         for mu in multi_indices(len(k), 2):
             n = sum(mu)
@@ -91,12 +99,16 @@ class Polynomial:
         ]
         return max(values, default=0.0) or 1.0
 
-    def at(self, number: Any, block: Neighbourhood, s: list[Any], own: Any) -> Sample:
+    def at(
+        self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
+    ) -> Sample:
         """Sample; the same at every target."""
         difference, at_target = 0 * s[0], 0.0
         for alpha, c in self.coefficients.items():
             if sum(alpha) == 0:
                 at_target += c
+                continue
+            if odd and sum(alpha) % 2 == 0:
                 continue
             term = number.number(c)
             for s_i, n in zip(s, alpha, strict=True):
@@ -131,14 +143,17 @@ class Bump:
         ]
         return np.stack([4.0 * u - 2.0 for u in draws])
 
-    def at(self, number: Any, block: Neighbourhood, s: list[Any], own: Any) -> Sample:
+    def at(
+        self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
+    ) -> Sample:
         """Sample around the places x/w in `own`; plain and compensated arithmetic only."""
         if not isinstance(s[0], np.ndarray) or s[0].dtype == object:
             raise ValueError(
                 "field: a bump is evaluated in plain or compensated precision, no bound"
             )
         z = [s_i / self.width for s_i in s]
-        exponent = sum(-z_i * (x_i + 0.5 * z_i) for z_i, x_i in zip(z, own, strict=True))
+        along = sum(z_i * x_i for z_i, x_i in zip(z, own, strict=True))
+        half = 0.5 * sum(z_i * z_i for z_i in z)
         value = np.exp(-0.5 * sum(x_i * x_i for x_i in own))
         derivatives = {}
         for mu in multi_indices(len(s), 2):
@@ -146,7 +161,11 @@ class Bump:
             for x_i, n in zip(own, mu, strict=True):
                 factor = factor * [1.0, -x_i, x_i * x_i - 1.0][n]
             derivatives[mu] = value * factor / self.width ** sum(mu)
-        return Sample(value * np.expm1(exponent), value, derivatives)
+        rest = np.expm1(-(along + half))
+        if odd:  # −e^{−half} sinh along, which would overflow
+            size = np.abs(along)
+            rest = 0.5 * np.sign(along) * np.exp(size - half) * np.expm1(-2.0 * size)
+        return Sample(value * rest, value, derivatives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +184,12 @@ class Values:
         sizes = [float(np.abs(v).max()) for mu, v in known.items() if sum(mu) == derivatives]
         return max(sizes, default=0.0) or 1.0
 
-    def at(self, number: Any, block: Neighbourhood, s: list[Any], own: Any) -> Sample:
-        """Sample; differences of the values given."""
+    def at(
+        self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
+    ) -> Sample:
+        """Sample; differences of the values given, which have no odd part."""
         assert block.particle is not None
+        assert not odd
         b = number.number(self.values[np.maximum(block.particle, 0)])
         a = number.number(self.values[block.target])
         derivatives = None

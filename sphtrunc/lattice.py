@@ -7,7 +7,7 @@ is 1: the spacing Δx is defined by Δx^d = volume per particle, for every latti
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -103,6 +103,11 @@ KINDS: dict[str, Kind] = {
     ),
 }
 DEFAULT = {1: "uniform", 2: "square", 3: "cubic"}
+
+
+def in_pairs(kind: str, offset: Sequence[Any]) -> bool:
+    """For every particle at s there is one at −s: all sites alike, seen from one of them."""
+    return bool(KINDS[kind].nearest) and not any(offset)
 
 
 def units(kind: str) -> tuple[Fraction, ...]:

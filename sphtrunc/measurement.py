@@ -16,7 +16,7 @@ from sphtrunc.fields import Sinusoid, Values
 from sphtrunc.moments import Moments, MultiIndex, label
 from sphtrunc.operators import Operator
 from sphtrunc.scene import Indices, Lattice
-from sphtrunc.summation import UNIT, Array
+from sphtrunc.summation import UNIT, Array, dd, dd_div
 
 if TYPE_CHECKING:
     from sphtrunc.experiment import Task
@@ -32,8 +32,8 @@ class Block:
     estimates: (C, T) components of the estimate, and errors: (C, T) less the exact derivative, both
         in units of A/h^k; None without a field (errors: without exact derivatives)
     moments: multi-index -> (T,) of the first component
-    estimate_bound, moment_bound: bounds of the rounding errors (of the errors, where there are
-        any), in the arithmetic that has them; the low parts in extended arithmetic
+    rest, moment_rest: what the arithmetic holds beside the values (of the errors, where there are
+        any): bounds of the rounding errors, or the digits that follow
     pairs, neighbours: (T,) particles within the support, with and without those at the target
     condition: (T,) of the worst correction matrix
     """
@@ -42,8 +42,8 @@ class Block:
     estimates: Array | None
     errors: Array | None
     moments: Mapping[MultiIndex, Array]
-    estimate_bound: Array | None
-    moment_bound: Mapping[MultiIndex, Array] | None
+    rest: Array | None
+    moment_rest: Mapping[MultiIndex, Array] | None
     pairs: Indices
     neighbours: Indices
     condition: Array
@@ -60,6 +60,8 @@ class Measurement:
     flagged: targets without neighbours or with a correction matrix too near to a singular one,
         which take no part in the statistics; first_flagged: (index, neighbours) of the first
     errors: (C, n) per target, relative to the largest exact derivative; None without a field
+    errors_low: (C, n), the digits that follow those of the errors, in extended and exact precision
+        (None for the phases of a lattice)
     estimates: (C, n) in units of A/h^k (explicit particles: of A/length^k); None without a field
     moments: measured M_α of the first component, arrays (n,) over targets
     rounding_bound: largest bound of the rounding error of an error figure, relative likewise;
@@ -78,6 +80,7 @@ class Measurement:
     first_flagged: tuple[int, int] | None
     condition: Array
     errors: Array | None
+    errors_low: Array | None
     estimates: Array | None
     moments: Moments
     error_bound: Array | None
@@ -293,26 +296,28 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         found = [getattr(b, name) for b in blocks]
         return None if found[0] is None else np.concatenate(found, axis=1)
 
-    errors, estimates = side("errors"), side("estimates")
-    bound = side("estimate_bound") if task.bound else None
-    errors = None if errors is None else errors / scale
-    bound = None if bound is None else bound / scale
+    errors, rest, estimates = side("errors"), side("rest"), side("estimates")
+    low: Array | None = None
+    bound = rest / scale if rest is not None and task.bound else None
+    if errors is not None and rest is not None and task.precision in ("extended", "exact"):
+        errors, low = dd_div((errors, rest), dd(np.broadcast_to(scale, errors.shape)))
+    elif errors is not None:
+        errors = errors / scale
     if lattice and waves and errors is not None:
         phi = 2.0 * np.pi * (np.arange(PHASES) + 0.5) / PHASES
         errors = errors[:, :1] * np.cos(phi) + errors[:, 1:] * np.sin(phi)
-        errors = errors if fit.all() else errors[:, :0]
+        errors, low = errors if fit.all() else errors[:, :0], None
         # |e_c cos φ + e_s sin φ| at the worst phase
         bound = None if bound is None else np.hypot(bound[:, :1], bound[:, 1:])[:, fit]
     else:
-        errors = None if errors is None else errors[:, fit]
-        bound = None if bound is None else bound[:, fit]
+        errors, low, bound = (None if x is None else x[:, fit] for x in (errors, low, bound))
     if estimates is not None and any(isinstance(f, Values) for f in task.fields):
         estimates = estimates / task.scene.h[target] ** k  # type: ignore[union-attr]
     moments = {a: np.concatenate([b.moments[a] for b in blocks])[fit] for a in blocks[0].moments}
     moment_bound = None
     if task.bound:
         moment_bound = {
-            a: np.concatenate([b.moment_bound[a] for b in blocks if b.moment_bound])[fit]
+            a: np.concatenate([b.moment_rest[a] for b in blocks if b.moment_rest])[fit]
             for a in moments
         }
     worst = None
@@ -343,6 +348,7 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         first_flagged=(int(target[bad[0]]), int(neighbours[bad[0]])) if bad.size else None,
         condition=np.where(fit, condition, np.inf),
         errors=errors,
+        errors_low=low,
         estimates=estimates,
         moments=Moments(moments, task.operator.target(task.scene.dim), k, "measured"),
         error_bound=bound,

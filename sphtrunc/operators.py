@@ -31,19 +31,22 @@ Solver = Callable[[Sequence[Sequence[Any]], Sequence[Sequence[Any]]], list[list[
 
 #: terms beside the derivatives of the kernel: −Ŵ′/q and −Ŵ′/q³ (without the particle at s = 0)
 BROOKSHAW, FATEHI_MANZARI = "brookshaw", "fatehi-manzari"
+#: the form that takes neighbours at ±s together
+PAIRED = "paired"
 
 #: operator: number of derivatives, forms (the first is the default)
 OPERATORS = {
     "value": (0, ("standard", "difference")),
-    "gradient": (1, ("standard", "difference", "symmetric")),
-    "divergence": (1, ("standard", "difference", "symmetric")),
-    "curl": (1, ("standard", "difference", "symmetric")),
+    "gradient": (1, ("standard", "difference", "symmetric", PAIRED)),
+    "divergence": (1, ("standard", "difference", "symmetric", PAIRED)),
+    "curl": (1, ("standard", "difference", "symmetric", PAIRED)),
     "laplacian": (2, ("direct", "difference", BROOKSHAW, FATEHI_MANZARI)),
     "hessian": (2, ("direct", "difference")),
 }
 #: what the exact theory in `derive` covers
 DERIVATIVES = {"value": 0, "gradient": 1}
 FORMS = ("standard", "difference")
+UNCORRECTED = ("symmetric", PAIRED, BROOKSHAW, FATEHI_MANZARI)
 CORRECTIONS = ("none", "shepard", "csph", "csph-shepard", "rkpm-1", "rkpm-2", "rkpm-3")
 
 
@@ -55,8 +58,10 @@ class Operator:
         of a vector; "laplacian" and "hessian" Σ A_b ∂ᵢ∂ⱼW V.
     form: "standard" ("direct" for second derivatives); "difference" with A_b − A_a in place of A_b
         (and A_a added to a value); "symmetric" with A_b ρ_a/ρ_b + A_a ρ_b/ρ_a, which conserves
-        momentum; "brookshaw" 2 Σ (A_b − A_a)(−W′/r) V (Brookshaw 1985,
-        doi:10.1017/S1323358000018117; Morris, Fox & Zhu 1997, doi:10.1006/jcph.1997.5776);
+        momentum; "paired" with half of A(s) − A(−s), which is the standard form where neighbours
+        lie at ±s of the target, without the rounding of A itself; "brookshaw"
+        2 Σ (A_b − A_a)(−W′/r) V (Brookshaw 1985, doi:10.1017/S1323358000018117; Morris, Fox & Zhu
+        1997, doi:10.1006/jcph.1997.5776);
         "fatehi-manzari", the same less the part of ∇A (CSPH), contracted with the tensor that
         makes it exact for quadratic fields (2011, doi:10.1016/j.camwa.2010.12.028)
     correction: "none"; "shepard" divides the kernel by Σ W V; "csph" multiplies the gradient by the
@@ -84,7 +89,7 @@ class Operator:
                 f"correction: {self.correction} corrects a gradient, not a {self.name};"
                 " expected none, shepard or rkpm-1 to rkpm-3"
             )
-        if self.correction != "none" and self.form in ("symmetric", BROOKSHAW, FATEHI_MANZARI):
+        if self.correction != "none" and self.form in UNCORRECTED:
             raise ValueError(
                 f"correction: got {self.correction} for the form {self.form}, expected none"
             )
@@ -96,8 +101,17 @@ class Operator:
 
     @property
     def uses_difference(self) -> bool:
-        """The estimate sees A_b − A_a only."""
-        return self.form in ("difference", BROOKSHAW, FATEHI_MANZARI)
+        """The estimate sees differences of A only, not A_a itself."""
+        return self.form in ("difference", PAIRED, BROOKSHAW, FATEHI_MANZARI)
+
+    def require_pairs(self, present: bool) -> None:
+        """Raises ValueError where the form needs neighbours at ±s, and they are not present."""
+        if self.form == PAIRED and not present:
+            raise ValueError(
+                "form: paired takes the neighbours at s and −s together, and these particles are"
+                " not in such pairs; expected an undisplaced lattice other than hcp with offset 0,"
+                " or the form standard"
+            )
 
     @property
     def uncorrected(self) -> bool:

@@ -26,11 +26,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sphtrunc.lattice import sites, units
+from sphtrunc.lattice import in_pairs, sites, units
 from sphtrunc.lattice_sums import parts
-from sphtrunc.operators import Key, Operator
+from sphtrunc.operators import PAIRED, Key, Operator
 from sphtrunc.propagation import Dual, Stencil, dual_solve, mixing, radial_values, second_order
 from sphtrunc.signals import Signals, Waves
+from sphtrunc.summation import UNIT, depth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
 CALM = 0.1  # for displacements of at most this many h, and for larger ones
 FEW = 60  # displacements, up to which the second order in them is taken
-UNIT = 2.0**-53
+ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class Split:
     derivative of the order of the operator.
 
     smoothing: of the continuous limit; discretisation: of the lattice, less the smoothing part;
-    disorder: what displacements add, spread and shift of the mean; rounding: what double precision
-    typically adds; total: all of them, as they combine
+    disorder: what displacements add, spread and shift of the mean; rounding: what the arithmetic
+    typically adds, see `floor`; total: all of them, as they combine
     """
 
     total: float
@@ -74,6 +75,7 @@ def predict_waves(
     sigma: float = 0.0,
     distribution: str = "gaussian",
     volume: str = "constant",
+    precision: str = "plain",
 ) -> list[Split]:
     """The error for sinusoids along `direction` (default: the first axis), one Split for every h/λ.
 
@@ -83,7 +85,7 @@ def predict_waves(
     kappa = 2 * pi * np.asarray(h_over_lambda, dtype=np.float64)
     return predict_fields(
         kernel, operator, kind, dx_over_h, offset, Waves(kappa, along / np.linalg.norm(along)),
-        sigma=sigma, distribution=distribution, volume=volume,
+        sigma=sigma, distribution=distribution, volume=volume, precision=precision,
     )  # fmt: skip
 
 
@@ -98,6 +100,7 @@ def predict_fields(
     sigma: float = 0.0,
     distribution: str = "gaussian",
     volume: str = "constant",
+    precision: str = "plain",
 ) -> list[Split]:
     """The error for each of K signals.
 
@@ -105,6 +108,7 @@ def predict_fields(
     sigma, distribution: of the displacements, σ/Δx along each axis
     volume: "constant", or "cell" (1D) or "summation": displacements to first order, as those of
         "blue" are (to second order where they are few)
+    precision: in which the sums are evaluated, as for `measure`
 
     Elsewhere displacements may be of any size, and only the algebra of a correction is taken to
     first order. At Δx/h = 0.7 this leaves the errors of RKPM and of Fatehi–Manzari within 3 % at
@@ -115,14 +119,19 @@ def predict_fields(
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
+    pairs = not sigma and in_pairs(kind, offset)
+    operator.require_pairs(pairs)
     dim = len(offset)
     particles = _Particles(kernel, kind, dx_over_h, offset, volume)
     exact = _exact(operator, dim, signals)
     limit = signals.limit(kernel, operator) - exact
-    still, _, noise = particles.estimate(
+    value, _, noise = particles.estimate(
         operator, signals, particles.points[:, None, :], np.ones(1)
     )
-    still = still - exact
+    if pairs and isinstance(signals, Waves):  # of odd and even weights at ±s
+        value[:, :, 1 - operator.derivatives % 2] = 0.0
+    noise = floor(noise, value, particles.neighbours, precision)
+    still = value - exact
     mean, variance = still, np.zeros_like(still)
     if sigma:
         spread = sigma * float(dx_over_h)
@@ -145,11 +154,23 @@ def predict_fields(
     def rms(parts: Array) -> Array:
         return np.asarray(np.sqrt((parts**2).sum(axis=(1, 2))) * scale)
 
-    rounding = rms(UNIT * noise)
+    rounding = rms(noise)
     total = np.sqrt(((mean**2 + variance).sum(axis=(1, 2))) * scale**2 + rounding**2)
     disorder = np.sqrt((((mean - still) ** 2 + variance).sum(axis=(1, 2))) * scale**2)
     columns = (total, rms(limit), rms(still - limit), disorder, rounding)
     return [Split(*(float(x) for x in row)) for row in zip(*columns, strict=True)]
+
+
+def floor(noise: Array, estimate: Array, neighbours: int, precision: str) -> Array:
+    """The rms rounding error of a sum Σ w_b A_b in plain, compensated, extended, exact precision.
+
+    noise: √Σ (w_b A_b)²; estimate: what the terms add up to. A term is rounded five times (kernel
+    2, volume, field, product); folded, it takes part in a rounded sum at each of ⌈log₂ n⌉ levels,
+    if the sum is not compensated; the estimate is rounded as such and less the exact derivative.
+    """
+    unit = {"extended": UNIT**2, "exact": 0.0}.get(precision, UNIT)
+    levels = 0 if precision == "compensated" else depth(neighbours)
+    return np.asarray(ROUNDED * unit * np.sqrt((5 + levels) * noise**2 + 2 * estimate**2))
 
 
 def _exact(operator: Operator, dim: int, signals: Signals) -> Array:
@@ -162,6 +183,8 @@ def _exact(operator: Operator, dim: int, signals: Signals) -> Array:
 
 def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
     """The fields as the form sees them, (K, F, …), for equal densities."""
+    if operator.form == PAIRED:
+        return np.asarray(0.5 * (signals.difference(s) - signals.difference(-s)))
     copies = 0.0 if operator.uses_difference else 2.0 if operator.form == "symmetric" else 1.0
     return np.asarray((signals.difference(s).T + copies * signals.own[:, None]).T)
 
@@ -192,6 +215,8 @@ class _Particles:
         length = np.array([float(u) for u in units(kind)])
         self.points = ratio * (self.index.T * length + np.array([float(o) for o in offset]))
         self.volume = ratio**self.dim
+        within = (self.points**2).sum(axis=1) < float(kernel.support) ** 2
+        self.neighbours = int(within.sum())
         if volume == "summation":  # the same for all
             around = sites(kind, float(kernel.support) / ratio, (Fraction(0),) * self.dim)
             q = ratio * np.linalg.norm(around.T * length, axis=1)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphtrunc import jitter
-from sphtrunc.lattice import DEFAULT, KINDS, sites, units
+from sphtrunc.lattice import DEFAULT, KINDS, in_pairs, sites, units
 from sphtrunc.neighbourhood import EDGE, assemble, fraction, fractions, summed
 from sphtrunc.neighbourhood import Indices as Indices
 from sphtrunc.neighbourhood import Neighbourhood as Neighbourhood
@@ -454,6 +454,13 @@ def graded(dx: Callable[[Array], Array], x: object = 0.0, offset: object = 0) ->
     if not abs(shift) <= 1:
         raise ValueError("offset: expected a number from -1 to 1")
     return Graded(dx, tuple(at.tolist()), shift)
+
+
+def paired(scene: Scene) -> bool:
+    """The neighbours of every target lie at ±s."""
+    home = getattr(scene, "lattice", scene)
+    still = not getattr(scene, "sigma", 0.0)
+    return isinstance(home, Lattice) and still and in_pairs(home.kind, home.offset)
 
 
 def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:

@@ -24,6 +24,7 @@ from sympy import QQ, Expr, Poly, Rational, factorial, floor, radsimp
 from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
 from sphtrunc.derivation import Derivation, Orders, Term
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational, steps
+from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import continuous_sum, lattice_sums, laurent, parts
 from sphtrunc.moments import Moments, MultiIndex, unit
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator
@@ -81,6 +82,7 @@ def derive(
     theta = shift[0]
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
+    operator.require_pairs(in_pairs(kind, shift))
     needed = operator.needed(dim, degree)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
     limit = _moments(operator, continuous, dim, degree, "continuous limit")

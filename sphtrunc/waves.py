@@ -28,7 +28,7 @@ from sphtrunc.fields import Sinusoid, sinusoid
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.scene import Indices, Lattice, Scene
+from sphtrunc.scene import Indices, Lattice, Scene, paired
 from sphtrunc.summation import Array
 from sphtrunc.sums import _terms
 
@@ -65,6 +65,7 @@ def waves(
     for operator in operators:
         if operator.name in ("divergence", "curl"):
             raise ValueError(f"operator: {operator.name} needs a vector field; expected a scalar's")
+        operator.require_pairs(paired(scene))
     fields = [sinusoid(x, dim=scene.dim) for x in h_over_lambda]
     tasks = [
         [Task(scene, kernel, operator, (field,), None, seed, "plain", False) for field in fields]
@@ -215,8 +216,8 @@ def _series(
         estimates=None,
         errors=None,
         moments={},
-        estimate_bound=None,
-        moment_bound=None,
+        rest=None,
+        moment_rest=None,
         pairs=counts[0],
         neighbours=counts[1],
         condition=condition,

@@ -27,6 +27,7 @@ FIGURES = {
     "stencils": ("choices", "Weights beside central differences; modified wavenumbers."),
     "tuning": ("choices", "Total error over (h/λ, Δx/h) with the best path."),
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
+    "round-off": ("choices", "Rounding of three forms in three precisions, and its floors."),
     "work-precision": ("choices", "Error against pairs, along the best path."),
 }
 

@@ -1,29 +1,36 @@
-"""Figures of choices: SPH beside finite differences, the best h and Δx, error against work."""
+"""Figures of choices: SPH beside finite differences, the best h and Δx, forms and precisions, error
+against work."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
-from math import pi
+from math import inf, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.experiment import measure
+from sphtrunc.fields import sinusoid
 from sphtrunc.figures.disorder import (
     CSPH,
     DIFFERENCE,
+    ERROR,
     SEED,
     STANDARD,
     logs,
     points,
     ratios,
     scene_at,
+    splits,
     theory,
 )
 from sphtrunc.figures.uniform import DX, H, named, wave_error
+from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Field, Panel, Picture, measured, predicted, reference
-from sphtrunc.scene import lattice
+from sphtrunc.scene import jittered, lattice
 from sphtrunc.tuning import Problem, Setting, best_at_particles
 from sphtrunc.waves import waves
 
@@ -211,6 +218,58 @@ def _across(problem: Problem, kernel: Kernel, n: float, values: Sequence[Fractio
         assert splits is not None
         result.append(splits[0].total)
     return result
+
+
+def round_off(kernel: str | None, quick: bool) -> Picture:
+    """Rounding errors of the gradient against h/λ with their predicted floors, form by form, in
+    plain, compensated and extended precision; and the whole error, which turns up there."""
+    shape = parse_kernel(kernel or "quintic-spline")
+    scene = jittered(lattice(1, dx_over_h="1/2"), 0.0)  # undisplaced, every target of its own phase
+    fine, coarse = logs(1e-8, 0.1, 60), logs(1e-8, 0.1, 4 if quick else 8)
+    panels = []
+    for precision in ("plain", "compensated", "extended"):
+        curves: list[Curve] = []
+        for form in ("standard", "difference", "paired"):
+            operator = Operator("gradient", form)
+            seen = [rounding_error(scene, shape, operator, x, precision) for x in coarse]
+            floors = [s.rounding for s in splits(shape, operator, scene, fine, precision)]
+            expected = [s.rounding for s in splits(shape, operator, scene, coarse, precision)]
+            curves.append(predicted(form, fine, floors))
+            curves.append(measured(form, coarse, seen, predicted=expected, floor=inf))
+        label = "rms rounding error / largest exact gradient"
+        panels.append(Panel(H, label, tuple(curves), title=precision, legend="upper right"))
+    whole: list[Curve] = []
+    for form, precision in (
+        ("standard", "plain"),
+        ("difference", "plain"),
+        ("standard", "extended"),
+    ):
+        operator, field = Operator("gradient", form), [sinusoid(x) for x in coarse]
+        total = [s.total for s in splits(shape, operator, scene, fine, precision)]
+        found = [
+            measure(scene, shape, operator, one, targets=400, precision=precision) for one in field
+        ]
+        expected = [s.total for s in splits(shape, operator, scene, coarse, precision)]
+        label = f"{form}, {precision}"
+        whole.append(predicted(label, fine, total))
+        whole.append(replace(points(label, coarse, found, expected), floor=inf))
+    panels.append(Panel(H, ERROR, tuple(whole), title="whole error", legend="upper center"))
+    caption = rf"Gradient of a sinusoid on a lattice in 1D, {named(shape)}, $\Delta x/h = 1/2$"
+    return Picture("round-off", caption, tuple(panels))
+
+
+def rounding_error(
+    scene: Any, kernel: Kernel, operator: Operator, h_over_lambda: float, precision: str
+) -> float:
+    """The rms rounding error of a measurement, against more digits."""
+    finer = "exact" if precision == "extended" else "extended"
+    found = [
+        measure(scene, kernel, operator, sinusoid(h_over_lambda), targets=64, precision=p)
+        for p in (precision, finer)
+    ]
+    high, low = ([np.zeros(1) if x is None else x for x in (m.errors, m.errors_low)] for m in found)
+    difference = (high[0] - low[0]) + (high[1] - low[1])
+    return float(np.sqrt((difference**2).sum(axis=0).mean()))
 
 
 def work_precision(kernel: str | None, quick: bool) -> Picture:

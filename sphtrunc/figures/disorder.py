@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.convention import BALL
-from sphtrunc.figures.uniform import DX, UNIT, H, named
+from sphtrunc.figures.uniform import DX, H, named
 from sphtrunc.operators import FATEHI_MANZARI, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
-from sphtrunc.response import predict_waves
+from sphtrunc.response import Split, predict_waves
 from sphtrunc.scene import graded, jittered, lattice
+from sphtrunc.summation import UNIT
 from sphtrunc.waves import waves
 
 if TYPE_CHECKING:
@@ -46,10 +47,16 @@ def scene_at(
     return jittered(home, sigma, distribution, SEED) if sigma else home
 
 
-def theory(kernel: Kernel, operator: Operator, scene: Any, lengths: Sequence[float]) -> list[float]:
-    """Predicted rms errors."""
+def splits(
+    kernel: Kernel,
+    operator: Operator,
+    scene: Any,
+    lengths: Sequence[float],
+    precision: str = "plain",
+) -> list[Split]:
+    """Predicted errors and their parts."""
     home = getattr(scene, "lattice", scene)
-    splits = predict_waves(
+    return predict_waves(
         kernel,
         operator,
         home.kind,
@@ -59,8 +66,13 @@ def theory(kernel: Kernel, operator: Operator, scene: Any, lengths: Sequence[flo
         sigma=getattr(scene, "sigma", 0.0),
         distribution=getattr(scene, "distribution", "gaussian"),
         volume=home.volume,
+        precision=precision,
     )
-    return [split.total for split in splits]
+
+
+def theory(kernel: Kernel, operator: Operator, scene: Any, lengths: Sequence[float]) -> list[float]:
+    """Predicted rms errors."""
+    return [split.total for split in splits(kernel, operator, scene, lengths)]
 
 
 def points(

@@ -12,7 +12,8 @@ import numpy as np
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
-from sphtrunc.poisson import response
+from sphtrunc.poisson import response as reciprocal
+from sphtrunc.response import predict_waves
 from sphtrunc.scene import lattice
 from sphtrunc.spectrum import smoothing_error, transform
 from sphtrunc.theory import derive
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 ERROR = "rms error of the gradient / largest exact gradient"
 H = r"$h/\lambda$"
 DX = r"$\Delta x/h$"
-UNIT = 2.0**-53
 SHELLS = 200  # of the reciprocal lattice
 
 
@@ -41,7 +41,7 @@ def wave_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) 
     smoothing = smoothing_error(kernel, [2 * pi * x for x in h_over_lambda])
     errors = []
     for x, part in zip(h_over_lambda, smoothing, strict=True):
-        _, shells = response(kernel, [2 * pi * x], "uniform", ratio, shells=SHELLS)
+        _, shells = reciprocal(kernel, [2 * pi * x], "uniform", ratio, shells=SHELLS)
         errors.append(sum(shells).real - float(part))
     return errors
 
@@ -59,11 +59,12 @@ def _from_moments(kernel: Kernel, ratio: Fraction, k: float) -> float:
 def seen(
     kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]
 ) -> tuple[list[float], float]:
-    """Measured rms errors on a uniform lattice, and what rounding alone makes of them."""
+    """Measured rms errors on a uniform lattice, and what rounding alone may make of them."""
     (row,) = waves(lattice(1, dx_over_h=ratio), kernel, [Operator("gradient")], h_over_lambda)
     errors = [float(m.error["rms"]) for m in row if m.error is not None]
-    neighbours = 2 * float(kernel.support) / float(ratio)
-    return errors, 4 * UNIT * neighbours / (2 * pi * min(h_over_lambda))
+    here = (kernel, Operator("gradient"), "uniform", ratio, (Fraction(0),))
+    splits = predict_waves(*here, [min(h_over_lambda)])
+    return errors, 5 * splits[0].rounding
 
 
 def kernels(kernel: str | None, quick: bool) -> Picture:
