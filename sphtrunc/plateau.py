@@ -126,13 +126,15 @@ def _disorder(operator: Operator, dim: int) -> str:
     path = exponents(operator, dim)
     return (
         f"{text} Take {better}, particles in better order, or neighbours that grow as"
-        f" N^{power_text(path.neighbours)}, which is h ∝ Δx^{power_text(path.p)}."
+        f" {power_text('N', path.neighbours)}, which is h ∝ {power_text('Δx', path.p)}."
     )
 
 
-def power_text(power: Fraction) -> str:
-    """An exponent as it is read: 2, or (2/5)."""
-    return str(power) if power.denominator == 1 else f"({power})"
+def power_text(base: str, power: Fraction) -> str:
+    """A power as it is read: Δx, Δx^2 or Δx^(2/5)."""
+    if power == 1:
+        return base
+    return f"{base}^{power}" if power.denominator == 1 else f"{base}^({power})"
 
 
 def _trust(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> list[str]:
@@ -145,7 +147,7 @@ def _trust(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> list[str]:
     widest = max(max(ratios), 1 / min(ratios))
     if widest <= ALIKE:
         return [
-            f"Measured and predicted agree within a factor {widest:.2g}: this explains the runs."
+            f"Measured and predicted agree within a factor {widest:.3g}: this explains the runs."
         ]
     several = len(ratios) > 1
     text = f"The {'errors are' if several else 'error is'} {typical:.2g} times the predicted" + (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from textwrap import wrap
 from typing import Any
 
@@ -198,6 +199,8 @@ def _made_of(error: dict[str, float]) -> str:
 
 
 def _text(document: dict[str, Any]) -> str:
+    from sphtrunc.plateau import power_text
+
     dim, sigma = document["dim"], document["jitter"]
     corrected = "" if document["correction"] == "none" else f", {document['correction']}"
     lines = [
@@ -223,10 +226,11 @@ def _text(document: dict[str, Any]) -> str:
             " particles and still more the error may fall further."
         )
     if document["jitter"]:
-        h, error, neighbours = (_power(document["path"][n]) for n in ("h", "error", "neighbours"))
+        path = {name: Fraction(text) for name, text in document["path"].items()}
         found.append(
-            f"Finer particles: keep h ∝ Δx^{h}; then the error falls as Δx^{error} and neighbours"
-            f" grow as N^{neighbours}."
+            f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
+            f" {power_text('Δx', path['error'])} and neighbours grow as"
+            f" {power_text('N', path['neighbours'])}."
         )
     lines += [*_said(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
@@ -241,10 +245,6 @@ def _text(document: dict[str, Any]) -> str:
             ]
         )
     return "\n".join(lines)
-
-
-def _power(text: str) -> str:
-    return f"({text})" if "/" in text else text
 
 
 def _table(runs: list[dict[str, Any]]) -> list[str]:
