@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sphtrunc
-from sphtrunc.bench import accuracy, stability, suites
+from sphtrunc.bench import accuracy, peers, speed, stability, suites
 from sphtrunc.cli import main
 from sphtrunc.engine import pair_sums
 from sphtrunc.particles import particles
@@ -128,10 +128,10 @@ def test_the_front_holds_what_nothing_beats() -> None:
 
 
 def test_the_pair_list_that_we_race_against_is_right() -> None:
-    scene = suites.box(7, 1.2)
+    scene = speed.box(7, 1.2)
     field = np.sin(scene.x[0])
-    found = suites._once(scene, field).values[0] / 1.2
-    other = suites.query_pairs(np.ascontiguousarray(scene.x.T), 1.2, field)
+    found = speed._once(scene, field).values[0] / 1.2
+    other = peers.query_pairs(np.ascontiguousarray(scene.x.T), 1.2, field)
     assert np.abs(found - other).max() < 1e-13
 
 

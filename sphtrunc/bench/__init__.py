@@ -1,7 +1,7 @@
 """Bench: run time against error, on the machine at hand.
 
-`suites` runs them; `accuracy` and `stability` hold theirs; `report` and `pictures` show what was
-found.
+`suites` runs what `speed` (with `peers` to race against), `accuracy` and `stability` hold; `report`
+and `pictures` show what was found.
 """
 
 from sphtrunc.bench.suites import SUITES, bench

@@ -4,7 +4,7 @@ kernels, corrections and resolutions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
 from math import fsum
@@ -44,9 +44,10 @@ def ill_conditioned(n: int, condition: float, seed: int = 0) -> tuple[Array, Arr
     return np.array(left), np.array(right), exact
 
 
-def precision(quick: bool) -> list[Table]:
+def precision(quick: bool) -> Iterator[Table]:
     """Levels of precision on sums of known answer and on real SPH sums."""
-    return [_known(64 if quick else 256), _real(quick)]
+    yield _known(64 if quick else 256)
+    yield _real(quick)
 
 
 def _known(n: int) -> Table:
@@ -172,9 +173,12 @@ def _keeping(
 # -------------------------------------------------------------------------------- work-precision
 
 
-def work_precision(quick: bool) -> list[Table]:
+def work_precision(quick: bool) -> Iterator[Table]:
     """Error against seconds at fixed resolution, and against resolution along the best path."""
-    return [_fixed(dim, quick) for dim in (1, 2, 3)] + [_path(dim, quick) for dim in (2, 3)]
+    for dim in (1, 2, 3):
+        yield _fixed(dim, quick)
+    for dim in (2, 3):
+        yield _path(dim, quick)
 
 
 def _fixed(dim: int, quick: bool) -> Table:

@@ -52,8 +52,7 @@ class Report:
 
     def to_text(self) -> str:
         """For a terminal."""
-        head = ", ".join(f"{name} {value}" for name, value in self.machine.items())
-        parts = [f"sphtrunc {__version__} on {date.today().isoformat()}: {head}"]
+        parts = [heading(self.machine)]
         for name, tables in self.suites.items():
             parts += [f"== {name} ==", *(table.to_text() for table in tables)]
         return "\n\n".join([*parts, f"{self.seconds:.0f} s in all"])
@@ -84,6 +83,12 @@ class Report:
             indent=1,
             ensure_ascii=False,
         )
+
+
+def heading(machine: Mapping[str, Any]) -> str:
+    """The first line of a report."""
+    head = ", ".join(f"{name} {value}" for name, value in machine.items())
+    return f"sphtrunc {__version__} on {date.today().isoformat()}: {head}"
 
 
 def machine() -> dict[str, Any]:

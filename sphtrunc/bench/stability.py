@@ -40,9 +40,11 @@ class Case:
     field: float = 1.0
 
 
-def stability(quick: bool) -> list[Table]:
+def stability(quick: bool) -> Iterator[Table]:
     """Sums of explicit particles, corrections, and the floor of a sinusoid's gradient."""
-    return [_sums(quick), _corrections(), _floor(quick)]
+    yield _sums(quick)
+    yield _corrections()
+    yield _floor(quick)
 
 
 # ----------------------------------------------------------------------- sums against 60 digits

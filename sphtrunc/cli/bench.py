@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from sphtrunc.bench import SUITES, bench
+from sphtrunc.bench.report import Table, heading, machine
 from sphtrunc.cli import options
 from sphtrunc.output import emit
 
@@ -32,8 +33,23 @@ def command(
     sphtrunc bench --quick
     sphtrunc bench --suite stability --quick --format json
     """
-    report = bench(suites, quick=quick)
-    emit(report.to_text() if format_ == "text" else report.to_json(), output)
+    shown: list[str] = []
+
+    def show(suite: str, table: Table) -> None:
+        """As soon as it is there: a full run takes many minutes."""
+        if suite not in shown:
+            shown.append(suite)
+            click.echo(f"== {suite} ==\n")
+        click.echo(f"{table.to_text()}\n")
+
+    at_once = format_ == "text" and output is None
+    if at_once:
+        click.echo(f"{heading(machine())}\n")
+    report = bench(suites, quick=quick, each=show if at_once else None)
+    if at_once:
+        click.echo(f"{report.seconds:.0f} s in all")
+    else:
+        emit(report.to_text() if format_ == "text" else report.to_json(), output)
     if pictures is not None:
         from sphtrunc.bench.pictures import pictures_of
         from sphtrunc.plot import save
