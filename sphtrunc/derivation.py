@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sympy import Expr, Rational
 
@@ -15,6 +15,9 @@ from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel
 from sphtrunc.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators import Operator
+
+if TYPE_CHECKING:
+    from sphtrunc.aliasing import Aliasing
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class Derivation:
     shift: the offset along every axis, of which `offset` is the first; lattice; volume: their rule
     discrete: the moments at the given Δx/h and offset (None without a ratio)
     scatter: their mean and spread where the particles are displaced, if that was asked for
+    aliasing: the reasons for the discretisation error in 2D and 3D, if that was asked for
     find_orders: derives `orders` when they are first asked for
     """
 
@@ -86,6 +90,7 @@ class Derivation:
     discrete: Moments | None
     find_orders: Callable[[], Orders] = field(repr=False, compare=False)
     scatter: Scatter | None = None
+    aliasing: Aliasing | None = None
 
     @cached_property
     def orders(self) -> Orders:
@@ -176,6 +181,8 @@ class Derivation:
             ],
             "orders": orders,
         }
+        if self.aliasing is not None:
+            result["aliasing"] = self.aliasing.to_dict()
         if self.discrete is not None:
             result["dx_over_h"] = str(self.dx_over_h)
             result["offset"] = str(self.offset)

@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import comb, factorial, inf, pi, prod, sqrt
+from math import comb, factorial, inf, pi, prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sphtrunc.kernel import Kernel
 from sphtrunc.lattice import KINDS, units
-from sphtrunc.moments import MultiIndex, add, unit
+from sphtrunc.moments import MultiIndex, add
 from sphtrunc.operators import Key
 from sphtrunc.spectrum import decay, radial, transform
 
@@ -329,20 +329,3 @@ def response(
     )
     parts = np.add.reduceat(value, starts)
     return complex(parts[0]), tuple(complex(p) for p in parts[1:])
-
-
-def best_lattices(
-    kernel: Kernel | Gaussian, dim: int, dx_over_h: Fraction
-) -> list[tuple[str, float]]:
-    """The lattices of a dimension by |M_1 − 1| of the standard gradient at equal number density
-    (the mean over the axes), the most accurate first, from direct sums."""
-    from sphtrunc.lattice_sums import lattice_sums
-
-    zero = (Fraction(0),) * dim
-    keys: list[Key] = [(unit(dim, i), unit(dim, i)) for i in range(dim)]
-    rows = []
-    for kind, data in KINDS.items():
-        if data.dim == dim:
-            sums = lattice_sums(kernel, keys, kind, Fraction(dx_over_h), zero, exact=False)
-            rows.append((kind, sqrt(sum(float(sums[key] - 1) ** 2 for key in keys) / dim)))
-    return sorted(rows, key=lambda row: row[1])

@@ -378,26 +378,30 @@ class Order:
         return f"(dx/h)^{self.power}, from {reasons}"
 
 
-def lattice_order(kernel: Kernel, dim: int = 1) -> Order:
-    """The order in Δx/h of M_1 − 1 of the standard gradient on a lattice, with its reason.
+def lattice_order(kernel: Kernel, dim: int = 1, derivatives: int = 1) -> Order:
+    """The order in Δx/h of the leading moment of an estimate on a lattice, with its reason.
 
-    M_1 − 1 = Σ_{G≠0} [F(G) + (G/d) F′(G)] and G ∝ h/Δx: the slowest power of k in that sum. A term
-    k^{−a} of F oscillating with a knot p > 0 gains a factor k in k F′; one of the origin does not.
-    In 2D the integral given at `decay` takes half a power off an oscillating term of the 3D
-    transform and a whole one off the others. Where w itself jumps, the derivative that the
-    particles sum lacks its delta function and M_1 does not converge to 1: order 0.
+    derivatives: m = 0 of a value, M_0; 1 of a gradient, M_1, and of Brookshaw's Laplacian, M_2 =
+        2 M_1; 2 of second derivatives by W″, M_2
+
+    The sum over G ≠ 0 of ∂^m[k^m F](G), of F + (G/d) F′ for m = 1, and G ∝ h/Δx: the slowest power
+    of k in it. A term k^{−a} of F oscillating with a knot p > 0 gains a factor k in every k ∂; one
+    of the origin does not. In 2D the integral given at `decay` takes half a power off an
+    oscillating term of the 3D transform and a whole one off the others. Where a derivative of w
+    below the m-th jumps, that which the particles sum lacks its delta function and M does not
+    converge: order 0.
     """
     dim = dimension(dim)
     candidates: dict[Fraction, Fraction] = {}
     for p, a in terms(kernel, 3 if dim == 2 else dim, 0):
-        power = Fraction(a - 1 if p else a)
+        power = Fraction(a - derivatives if p else a)
         if dim == 2:
             power -= Fraction(1, 2) if p else 1
         candidates[p] = min(power, candidates.get(p, power))
     first: dict[Fraction, int] = {}
     for m in range(kernel.degree, -1, -1):
         first |= {_fraction(p): m for p, jump in kernel.jumps(m).items() if jump and p >= 0}
-    jumping = {p: Fraction(0) for p, m in first.items() if m == 0}
+    jumping = {p: Fraction(0) for p, m in first.items() if m < derivatives and (p or dim == 1)}
     candidates = jumping or candidates
     least = min(candidates.values())
     limits = tuple((p, first[p]) for p, power in sorted(candidates.items()) if power == least)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from sympy import Expr, Poly, Rational, latex
@@ -30,6 +31,7 @@ def text(d: Derivation) -> str:
         _smoothness_text(d),
         _smoothing_text(d),
         _discretisation_text(d) if d.dim == 1 else "",
+        _aliasing_text(d) if d.aliasing is not None else "",
         _table_text(d) if d.discrete is not None else "",
         _scatter_text(d) if d.scatter is not None else "",
     ]
@@ -61,6 +63,10 @@ def _smoothness_text(d: Derivation) -> str:
     kernel = d.kernel
     at = kernel.knot_smoothness()
     least = min(at.values())
+    limiting = {knot for knot, n in at.items() if n == least}
+    if d.dim > 1:
+        order = None if d.aliasing is None else d.aliasing.order
+        limiting = set() if order is None else {Rational(p) for p, _ in order.limits}
     lines = [
         f"Smoothness: β = {kernel.boundary_smoothness} at the edge,"
         f" {kernel.smoothness} over all knots"
@@ -75,7 +81,7 @@ def _smoothness_text(d: Derivation) -> str:
         else:
             jump = kernel.jumps(first)[knot]
             says = f"Ŵ{_primes(first)} is the first to jump, by {_number(jump)} in 1D"
-        limits = "  ← limits the order" if n == least else ""
+        limits = "  ← limits the order" if knot in limiting else ""
         lines.append(f"  q = {knot!s:<6} {place:<9} {says}{limits}")
     return "\n".join(lines)
 
@@ -165,6 +171,37 @@ def _grouped(d: Derivation) -> dict[tuple[str, int], list[Term]]:
     for t in d.own_terms:
         groups.setdefault((_sum_label(t.term), t.moment), []).append(t)
     return groups
+
+
+def _aliasing_text(d: Derivation) -> str:
+    """The order of the error on a lattice, the shells it comes from, and the other lattices."""
+    found = d.aliasing
+    assert found is not None
+    name = f"M({label(found.moment)})"
+    lines = [f"Discretisation error on a lattice, leading moment {name}:"]
+    if found.order is not None:
+        power = found.order.power
+        lines[0] += (
+            f" order (Δx/h){f'^({power})' if power.denominator > 1 else _superscript(power)}"
+        )
+        limits = [f"Ŵ{_primes(m)} at q = {p}" for p, m in found.order.limits]
+        lines += _wrapped(limits, "  from what jumps first: ", ", ")
+    elif isinstance(d.kernel, Gaussian) and d.kernel.cut is None and d.operator.uncorrected:
+        lines[0] += " falls faster than any power"
+    if found.shells:
+        lines.append(
+            "  shells of the reciprocal lattice, |G| h, vectors, what they add to the moment:"
+        )
+        lines += [f"  {s.length:<10.5g}{s.count:<6d}{s.contribution: .6e}" for s in found.shells]
+        rest = f"at most {found.tail:.1e}" if isfinite(found.tail) else "no bound is known"
+        lines.append(f"  all others: {rest}")
+    if found.ranking:
+        lines.append("  at equal number density, the most accurate lattice first:")
+        lines += [
+            f"  {r.lattice:<10}{r.error:.4e}   shortest |G| Δx {r.shortest:.4f}, {r.count} vectors"
+            for r in found.ranking
+        ]
+    return "\n".join(lines)
 
 
 def _table_text(d: Derivation) -> str:
@@ -351,7 +388,11 @@ def _primes(n: int) -> str:
 
 
 def _power(n: int) -> str:
-    return "" if n == 1 else str(n).translate(_SUPERSCRIPT)
+    return "" if n == 1 else _superscript(n)
+
+
+def _superscript(n: object) -> str:
+    return str(n).translate(_SUPERSCRIPT)
 
 
 def _sub(n: int) -> str:

@@ -66,6 +66,10 @@ def command(
         lattice=lattice,
         volume=volume,
     )
+    if dim > 1:
+        from sphtrunc.aliasing import explained
+
+        result = explained(result)
     if jitter is not None:
         from sphtrunc.disorder import scattered
 

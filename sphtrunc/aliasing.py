@@ -1,0 +1,195 @@
+"""Aliasing: what a lattice in 2D or 3D adds to an estimate, and why: the power of Δx/h and the
+knots of the kernel that it comes from, the shells of the reciprocal lattice, and how other lattices
+of equal number density would do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
+from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING, Any
+
+from sphtrunc.kernel import Kernel
+from sphtrunc.lattice import KINDS, sites
+from sphtrunc.lattice_sums import continuous_sum, lattice_sums
+from sphtrunc.moments import MultiIndex, label, multi_indices, unit
+from sphtrunc.operators import BROOKSHAW, Key, Operator
+from sphtrunc.poisson import Shell, poisson_sum, shortest
+from sphtrunc.spectrum import Order, lattice_order
+
+if TYPE_CHECKING:
+    from sphtrunc.derivation import Derivation
+    from sphtrunc.gaussian import Gaussian
+
+SHELLS = 4  # of the reciprocal lattice that are told
+SUMMED = 300  # and that are looked at, for the bound on the rest
+MOST_NEIGHBOURS = 20_000  # up to which other lattices are tried
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A lattice among those of its dimension at equal number density.
+
+    error: rms over the components of the leading moments, lattice less limit
+    shortest, count: length of the shortest reciprocal vectors in 1/Δx, and their number
+    """
+
+    lattice: str
+    error: float
+    shortest: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Aliasing:
+    """The discretisation error on a lattice, with its reasons.
+
+    order: how the leading moment falls with Δx/h, and from which knots; None for corrected
+        operators and kernels that are not piecewise polynomials
+    moment: the leading moment α
+    shells: what the first shells of reciprocal vectors add to M_α that is not zero; tail: a bound
+        on what all the others add, inf where none is known (of shells: where there are none)
+    ranking: the lattices, the most accurate first; empty without Δx/h
+    """
+
+    order: Order | None
+    moment: MultiIndex
+    shells: tuple[Shell, ...]
+    tail: float
+    ranking: tuple[Rank, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Ready for JSON; exact numbers are strings, a bound that is not known is None."""
+        order = self.order
+        return {
+            "moment": label(self.moment),
+            "order": None if order is None else str(order.power),
+            "limits": [
+                {"knot": str(knot), "derivative": m}
+                for knot, m in (() if order is None else order.limits)
+            ],
+            "shells": [asdict(shell) for shell in self.shells],
+            "tail": self.tail if isfinite(self.tail) else None,
+            "ranking": [asdict(rank) for rank in self.ranking],
+        }
+
+
+def explained(derivation: Derivation) -> Derivation:
+    """The derivation with `aliasing`: the reasons for its discretisation error in 2D and 3D."""
+    ratio = derivation.dx_over_h
+    found = aliasing(
+        derivation.kernel,
+        derivation.operator,
+        derivation.lattice,
+        None if ratio is None else Fraction(int(ratio.p), int(ratio.q)),
+        tuple(Fraction(int(x.p), int(x.q)) for x in derivation.shift),
+    )
+    return replace(derivation, aliasing=found)
+
+
+def aliasing(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction | None,
+    offset: tuple[Fraction, ...],
+) -> Aliasing:
+    """The reasons for the discretisation error of an operator on a lattice."""
+    dim = len(offset)
+    degree = leading_degree(operator)
+    moment = unit(dim, 0, degree)
+    order = None
+    if operator.uncorrected and isinstance(kernel, Kernel):
+        derivatives = 1 if operator.form == BROOKSHAW else operator.derivatives
+        order = lattice_order(kernel, dim, derivatives)
+    if dx_over_h is None:
+        return Aliasing(order, moment, (), inf, ())
+    shells, tail = _shells(kernel, operator, kind, dx_over_h, offset, moment)
+    return Aliasing(order, moment, shells, tail, tuple(ranking(kernel, operator, dim, dx_over_h)))
+
+
+def leading_degree(operator: Operator) -> int:
+    """The degree of the first moments that a lattice can falsify: those of lower degree are exact,
+    or zero by symmetry."""
+    least = max(operator.derivatives, operator.consistency + 1)
+    if operator.correction.startswith("csph"):  # whose first moments are exact in any form
+        least = max(least, 2)
+    return least + (least - operator.derivatives) % 2
+
+
+def _shells(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: tuple[Fraction, ...],
+    alpha: MultiIndex,
+) -> tuple[tuple[Shell, ...], float]:
+    """The first shells of M_α of the first component that are not zero, and a bound on the rest."""
+    if not operator.uncorrected:
+        return (), inf
+    (part, *_), dim = operator.coefficients({}, len(alpha)), len(alpha)
+    keys: dict[Key, float] = {
+        (term, tuple(a + g for a, g in zip(alpha, gamma, strict=True))): float(c)
+        for (term, gamma), c in part.items()
+    }
+    if operator.form == BROOKSHAW:  # −s₁² Ŵ′/q = −s₁ ∂₁Ŵ
+        keys = {(unit(dim, 0), unit(dim, 0)): 2.0}
+    try:
+        sums = [
+            (c, poisson_sum(kernel, key, kind, dx_over_h, offset, SUMMED))
+            for key, c in keys.items()
+        ]
+    except ValueError:  # the kernel jumps: F does not describe what the particles sum
+        return (), inf
+    rows = [
+        Shell(
+            same[0].length,
+            same[0].count,
+            sum(c * s.contribution for (c, _), s in zip(sums, same, strict=True)),
+        )
+        for same in zip(*(series.shells for _, series in sums), strict=True)
+    ]
+    tail = sum(abs(c) * series.tail for c, series in sums)
+    told = [row for row in rows if abs(row.contribution) > 1e-17][:SHELLS]
+    rest = sum(abs(row.contribution) for row in rows) - sum(abs(row.contribution) for row in told)
+    return tuple(told), tail + rest
+
+
+def ranking(
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, dx_over_h: Fraction
+) -> list[Rank]:
+    """The lattices of a dimension at equal number density, the most accurate first, by direct sums
+    seen from a particle. Empty where that is too many particles, or an operator does not exist."""
+    degree = leading_degree(operator)
+    home = (Fraction(0),) * dim
+    keys = operator.needed(dim, degree)
+    limit = {key: continuous_sum(kernel, key) for key in keys}
+    rows = []
+    for kind, data in KINDS.items():
+        if data.dim != dim:
+            continue
+        if sites(kind, float(kernel.support) / float(dx_over_h), home).shape[1] > MOST_NEIGHBOURS:
+            return []
+        try:
+            sums = lattice_sums(kernel, keys, kind, dx_over_h, home, exact=False)
+            error = _difference(operator, sums, limit, dim, degree)
+        except ValueError:  # a singular correction, a kernel without a second derivative at 0
+            return []
+        rows.append(Rank(kind, error, *shortest(kind)))
+    return sorted(rows, key=lambda row: row.error)
+
+
+def _difference(
+    operator: Operator, sums: Mapping[Key, Any], limit: Mapping[Key, Any], dim: int, degree: int
+) -> float:
+    """Rms over the components of the differences of the moments of one degree."""
+    alphas = [alpha for alpha in multi_indices(dim, degree) if sum(alpha) == degree]
+    total, components = 0.0, len(operator.components(dim))
+    for axis in range(components):
+        there = operator.correct(sums, dim, degree, axis)
+        tends = operator.correct(limit, dim, degree, axis)
+        total += sum(float(there[alpha] - tends[alpha]) ** 2 for alpha in alphas)
+    return sqrt(total / components)
