@@ -11,6 +11,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +72,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes; `legend` is where it goes, None for nowhere."""
 
     xlabel: str
     ylabel: str
@@ -289,7 +290,7 @@ def _panel(axis: Axes, panel: Panel) -> None:
         _ticks(axis.xaxis, *axis.get_xlim())
     if panel.yscale == "log":
         _ticks(axis.yaxis, *axis.get_ylim())
-    if labels:
+    if labels and panel.legend is not None:
         axis.legend(handles=_handles(labels, panel.curves), loc=panel.legend)
 
 
@@ -300,7 +301,8 @@ def _ticks(axis: Any, low: float, high: float) -> None:
     if not 0 < low < high < 60 * low:
         return
     steps = (1, 2, 3, 4, 6, 8) if high < 12 * low else (1, 2, 4)
-    ticks = [m * 10.0**e for e in range(-12, 13) for m in steps if low <= m * 10.0**e <= high]
+    decades = range(floor(log10(low)), ceil(log10(high)))
+    ticks = [m * 10.0**e for e in decades for m in steps if low <= m * 10.0**e <= high]
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -48,7 +48,7 @@ def _work(tables: list[Table]) -> Picture:
 
 def _floor(table: Table) -> Picture:
     """Rounding error (points) and its bound (lines) against h/λ, one panel per form."""
-    panels = []
+    panels: list[Panel] = []
     for form in dict.fromkeys(row[0] for row in table.rows):
         curves = []
         for ratio in sorted({row[2] for row in table.rows}):
@@ -58,7 +58,10 @@ def _floor(table: Table) -> Picture:
                 predicted(f"Δx/h = {ratio:g}", x, [row[4] for row in rows]),
                 measured(f"Δx/h = {ratio:g}", x, [row[3] for row in rows]),
             ]
-        panels.append(Panel("h/λ", "relative rounding error", tuple(curves), title=form))
+        legend = None if panels else "best"  # the same curves in every panel
+        panels.append(
+            Panel("h/λ", "relative rounding error", tuple(curves), title=form, legend=legend)
+        )
     return Picture("floor", "Largest rounding error (points) and its bound (lines)", tuple(panels))
 
 
