@@ -19,6 +19,7 @@ Indices = NDArray[np.int64]
 
 DISTRIBUTIONS = ("gaussian", "uniform", "blue")
 BITS = 21  # of each of three components
+MOST_INDICES = 2 ** (BITS - 1)  # along one axis
 CUT = 4.0  # the Gaussian ends at this many standard deviations
 
 _FIELD = 2**BITS - 1

@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphtrunc import jitter
+from sphtrunc.graded import Graded
+from sphtrunc.jitter import MOST_INDICES as MOST_INDICES
 from sphtrunc.lattice import DEFAULT, KINDS, in_pairs, sites, units
 from sphtrunc.neighbourhood import EDGE, assemble, fraction, fractions, summed
 from sphtrunc.neighbourhood import Indices as Indices
@@ -38,7 +40,6 @@ if TYPE_CHECKING:
 Scene: TypeAlias = "Lattice | Jittered | Graded | Particles"
 
 VOLUMES = ("constant", "cell", "summation")
-MOST_INDICES = 2**20  # along one axis, see jitter.BITS
 
 
 #: a fraction, or a decimal with an exponent of at most three digits: a longer one fills the memory
@@ -261,92 +262,6 @@ class Jittered:
             offset = offset[:, 1:-1]
         near = (offset * offset).sum(axis=0) <= fraction(kernel.support) ** 2
         return offset[:, near], volume[near]
-
-
-@dataclass(frozen=True)
-class Graded:
-    """1D particles of smoothly varying spacing. Made by `graded`."""
-
-    spacing: Callable[[Array], Array]
-    positions: tuple[float, ...]
-    offset: Fraction
-    dim: int = 1
-    volume: str = "cell"
-
-    @property
-    def population(self) -> int:
-        """The number of different targets."""
-        return len(self.positions)
-
-    @property
-    def particles(self) -> int:
-        """The number of targets; the particles themselves have no end."""
-        return self.population
-
-    def rows(self, kernel: Kernel) -> int:
-        """An estimate of the number of neighbours, for the size of blocks."""
-        dx = self._dx(np.array(self.positions))
-        return int(4.0 * float(kernel.support) / float(dx.min())) + 8
-
-    def _dx(self, x: Array) -> Array:
-        dx = np.asarray(self.spacing(x), dtype=np.float64)
-        if dx.shape not in (x.shape, ()) or not np.all(dx > 0) or not np.all(np.isfinite(dx)):
-            raise ValueError(
-                "dx: expected a function that returns a positive, finite spacing Δx/h for an array"
-                " of positions x/h"
-            )
-        return np.broadcast_to(dx, x.shape)
-
-    def _march(self, s: Array, at: Array, step: float) -> Array:
-        """s(ξ + step) from s(ξ), by the classical Runge–Kutta rule in 32 substeps a unit."""
-        substeps = max(1, round(32 * abs(step)))
-        d = step / substeps
-        for _ in range(substeps):
-            k1 = self._dx(at + s)
-            k2 = self._dx(at + (s + 0.5 * d * k1))
-            k3 = self._dx(at + (s + 0.5 * d * k2))
-            k4 = self._dx(at + (s + d * k3))
-            s = s + d / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-        return s
-
-    def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
-    ) -> Neighbourhood:
-        """All neighbours of the targets, (1, N, T); the offsets are the floats that they are."""
-        at = np.array(self.positions)[target]
-        support = float(kernel.support)
-        start = self._march(np.zeros_like(at), at, float(self.offset))
-        rows = [start]
-        for direction in (1.0, -1.0):
-            s, beyond = start, 0
-            while beyond < 2:  # one more than the support holds: the last cell ends half-way to it
-                s = self._march(s, at, direction)
-                beyond += bool(np.all(direction * s > support))
-                rows.append(s)
-                if len(rows) > MOST_INDICES:
-                    raise ValueError(
-                        f"dx: a target has more than {MOST_INDICES} neighbours; expected a larger"
-                        " spacing"
-                    )
-        offset = np.stack(rows)[None]
-        nothing = [np.zeros_like(offset[0])]
-        return assemble(
-            "cell",
-            (0.0, 0.0),
-            offset,
-            nothing if extended else [],
-            nothing if errors else [],
-            target,
-            kernel,
-        )
-
-    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
-        """Offsets (1, N) and volumes (N,) of one target as arrays of Fractions."""
-        block = self.neighbourhood(np.array([target]), kernel, extended=True)
-        low = np.zeros_like(block.volume) if block.volume_low is None else block.volume_low
-        inside = np.abs(block.offset[0, :, 0]) <= float(kernel.support)
-        volume = fractions(block.volume[inside, 0]) + fractions(low[inside, 0])
-        return fractions(block.offset[:, inside, 0]), volume
 
 
 # ---------------------------------------------------------------------------- how scenes are made
