@@ -45,6 +45,10 @@ class Ball:
         """The largest distance from the middle."""
         return sum((np.abs(c) for c in self.parts.values()), self.rest)
 
+    def __getitem__(self, rows: Any) -> Ball:
+        parts = {i: c[rows] for i, c in self.parts.items()}
+        return Ball(self.middle[rows], self.rest[rows], parts)
+
     def __add__(self, other: Any) -> Ball:
         if isinstance(other, int) and other == 0:
             return self
@@ -206,7 +210,7 @@ class Bounded:
         wide = stacked(_each(matrix, "radius"))
         scaled = Scaled(a, health)
         x, inverse = scaled.solve(b), scaled.inverse()
-        n = a.shape[1]
+        n = a.shape[-1]
         gamma = sm.gamma(2 * n + 4)
         rounding = np.abs(b - a @ x) + gamma * (np.abs(b) + np.abs(a) @ np.abs(x))
         rest = np.abs(inverse) @ (rounding + rb + ra @ np.abs(x))
@@ -217,16 +221,16 @@ class Bounded:
             parts[i] = inverse @ moved
             linear += np.abs(parts[i])
         off = np.abs(np.eye(n) - inverse @ a) + gamma * (np.eye(n) + np.abs(inverse) @ np.abs(a))
-        e = (off + np.abs(inverse) @ wide).sum(axis=2).max(axis=1) * SLACK
+        e = (off + np.abs(inverse) @ wide).sum(axis=-1).max(axis=-1) * SLACK
         safe = np.where(e < 1.0, e, 0.0)
         with np.errstate(invalid="ignore"):  # where a radius is infinite already
-            spread = (rest + linear).max(axis=1, keepdims=True)
-            spread = (safe / (1.0 - safe))[:, None, None] * spread
-        radius = np.where((e < 1.0)[:, None, None], (rest + spread) * SLACK, np.inf)
+            spread = (rest + linear).max(axis=-2, keepdims=True)
+            spread = (safe / (1.0 - safe))[..., None, None] * spread
+        radius = np.where((e < 1.0)[..., None, None], (rest + spread) * SLACK, np.inf)
         return [
             [
-                Ball(x[:, i, j], radius[:, i, j], {k: c[:, i, j] for k, c in parts.items()})
-                for j in range(x.shape[2])
+                Ball(x[..., i, j], radius[..., i, j], {k: c[..., i, j] for k, c in parts.items()})
+                for j in range(x.shape[-1])
             ]
             for i in range(n)
         ]

@@ -14,7 +14,7 @@ from sphtrunc import __version__, typeset
 from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel
 from sphtrunc.moments import Moments, MultiIndex, label, unit
-from sphtrunc.operators import Operator
+from sphtrunc.operators import NESTED, Operator
 
 if TYPE_CHECKING:
     from sphtrunc.aliasing import Aliasing
@@ -119,8 +119,10 @@ class Derivation:
 
     @property
     def own_terms(self) -> list[Term]:
-        """The terms of the moments that the estimate has: not M_0 of a difference form."""
-        if self.operator.correction == "none" and self.operator.uses_difference:
+        """The terms of the moments that the estimate has: not M_0 of a difference form (which a
+        nested one takes at the neighbours, not at a target beside them)."""
+        plain = self.operator.form != NESTED or self.offset == 0
+        if self.operator.correction == "none" and self.operator.uses_difference and plain:
             return [t for t in self.terms if t.moment > 0]
         return list(self.terms)
 

@@ -27,6 +27,9 @@ class Pair:
     low: Any
     __array_ufunc__ = None
 
+    def __getitem__(self, rows: Any) -> Pair:
+        return Pair(self.high[rows], self.low[rows])
+
     def __add__(self, other: Any) -> Pair:
         other = _pair(other)
         return Pair(*sm.dd_add((self.high, self.low), (other.high, other.low)))
@@ -273,7 +276,7 @@ class Exact:
 
     def solve(self, matrix: Any, columns: Any, health: Health) -> Any:
         """Elimination, after the condition has been looked at."""
-        Scaled(stacked([[float(x) for x in row] for row in matrix]), health)
+        Scaled(stacked([[self.value(x) for x in row] for row in matrix]), health)
         if np.any(health.singular):
             raise ValueError("correction: the correction matrix is singular to working precision")
         return eliminate(matrix, columns)

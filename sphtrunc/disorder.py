@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
 from sphtrunc.lattice import in_pairs
-from sphtrunc.lattice_sums import Laurent, angular, lattice_sums, laurent, parts
+from sphtrunc.lattice_sums import Laurent, angular, lattice_moments, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import Key, Operator
 from sphtrunc.propagation import mixing, propagate, radial_values, second_order
@@ -80,9 +80,9 @@ def predict(
     """
     operator.require_pairs(not sigma and in_pairs(kind, offset))
     dim = len(offset)
-    keys = operator.needed(dim, degree)
-    sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, False, volume)
-    values = operator.correct(sums, dim, degree, axis)
+    values = lattice_moments(
+        kernel, operator, kind, dx_over_h, offset, degree, axis=axis, exact=False, volume=volume
+    )
     mean = {alpha: float(m) for alpha, m in values.items()}
     if sigma == 0:
         return Prediction(mean, dict.fromkeys(mean, 0.0), "lattice sum")

@@ -18,7 +18,7 @@ from sphtrunc.fields import Sample, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block
 from sphtrunc.moments import MultiIndex, add, multi_indices, unit
-from sphtrunc.operators import Key, Operator, combine
+from sphtrunc.operators import NESTED, Key, Operator, combine
 from sphtrunc.particles import Particles
 from sphtrunc.summation import Array
 from sphtrunc.sums import _contracted, exact_derivatives
@@ -69,10 +69,17 @@ def estimates(
     """The components of an operator (of divergence and curl: the gradient) applied to fields.
 
     fields: values at the particles, (n,) or (F, n); degree: also measure moments up to this one
-    Other arguments as for `pair_sums`. Raises ValueError as that does.
+    Other arguments as for `pair_sums`. The nested form takes a pass for each of its gradients.
+
+    Raises ValueError as `pair_sums` does, and for moments of forms whose moments it does not have.
     """
     operator.require_pairs(False)
     dim = scene.dim
+    if operator.form == NESTED:
+        if degree is not None:
+            raise ValueError("degree: moments of the nested form are measured by `measure` alone")
+        options = {"precision": precision, "workers": workers, "engine": engine}
+        return _nested(scene, kernel, operator, fields, targets, options)
     keys = [] if operator.uncorrected else operator.needed(dim, 0)
     shape = _structure(operator, dim)
     field_keys = list(dict.fromkeys(key for part in shape for key in part))
@@ -136,6 +143,46 @@ def estimates(
     return Estimates(index, out, moments, neighbours, others, condition)
 
 
+def _nested(
+    scene: Particles,
+    kernel: Kernel,
+    operator: Operator,
+    fields: object,
+    targets: object,
+    options: dict[str, Any],
+) -> Estimates:
+    """The gradient of the gradients of the fields at the targets and at their neighbours."""
+    dim, gradient = scene.dim, operator.gradient
+    values = np.atleast_2d(np.asarray(fields, dtype=np.float64))
+    near, lists = None, []
+    corrected = operator.correction != "none"
+    if targets is not None or corrected:
+        chosen = np.arange(scene.population) if targets is None else np.asarray(targets)
+        lists = scene._neighbours(chosen, kernel)
+        near = None if targets is None else np.unique(np.concatenate([chosen, *lists]).astype(int))
+    inner = estimates(scene, kernel, gradient, values, targets=near, **options)
+    slopes = np.zeros((len(values), dim, scene.population))
+    slopes[:, :, inner.targets] = inner.values / scene.h[inner.targets]
+    flat = slopes.reshape(-1, scene.population)
+    outer = estimates(scene, kernel, gradient, flat, targets=targets, **options)
+    second = outer.values.reshape(len(values), dim, dim, -1) * scene.h[outer.targets]
+    condition = outer.condition
+    if corrected:  # a gradient is as good as the worst of those that it is made of
+        seen = np.zeros(scene.population)
+        seen[inner.targets] = inner.condition
+        around = [float(seen[one].max(initial=0.0)) for one in lists]
+        condition = np.maximum(condition, np.array(around))
+    parts = [sum(second[:, j, i] for i, j in row) for row in operator.axes(dim)]
+    return Estimates(
+        outer.targets,
+        np.stack(parts, axis=1),
+        {},
+        outer.neighbours,
+        outer.others,
+        condition,
+    )
+
+
 def _structure(operator: Operator, dim: int) -> list[dict[Key, Any]]:
     """Which (δ, γ) the components are made of: the coefficients, of whatever value."""
     ones = dict.fromkeys(operator.needed(dim, 0), 1.0)
@@ -163,10 +210,11 @@ def solve(
         inverse = [[inverse[i][j] * d[i] * d[j] for j in range(n)] for i in range(n)]
     bad = np.flatnonzero(~(condition <= _SAFE))
     health.condition = np.maximum(health.condition, np.where(condition <= _SAFE, condition, 0.0))
-    result = [
-        [_dot(row, [column[j] for column in columns]) for j in range(len(columns[0]))]
-        for row in inverse
-    ]
+    with np.errstate(all="ignore"):  # what is not safe is overwritten
+        result = [
+            [_dot(row, [column[j] for column in columns]) for j in range(len(columns[0]))]
+            for row in inverse
+        ]
     if bad.size:
         rest = Health()
         wide = np.broadcast(*(x for row in a for x in row)).shape
@@ -225,7 +273,7 @@ def in_one_pass(task: Task, targets: Any, workers: int) -> Block | None:
         and task.precision in ("plain", "compensated")
         and not task.bound
         and len(fields) == len(task.fields)
-        and not (operator.form == "symmetric" and task.degree is not None)
+        and not (operator.form in ("symmetric", NESTED) and task.degree is not None)
     ):
         return None
     found = estimates(
@@ -282,9 +330,13 @@ def weights(
     from scipy.sparse import csr_array
 
     operator.require_pairs(False)
-    shape = _structure(operator, scene.dim)
-    if not 0 <= axis < len(shape):
-        raise ValueError(f"axis: got {axis}, expected 0 to {len(shape) - 1}")
+    count = len(operator.components(scene.dim))
+    if not 0 <= axis < count:
+        raise ValueError(f"axis: got {axis}, expected 0 to {count - 1}")
+    if operator.form == NESTED:
+        gradient = partial(weights, scene, kernel, operator.gradient, workers=workers)
+        row = operator.axes(scene.dim)[axis]
+        return sum(gradient(axis=i, targets=targets) @ gradient(axis=j) for i, j in row)
     keys = [] if operator.uncorrected else operator.needed(scene.dim, 0)
     sums = pair_sums(scene, kernel, keys, targets=targets, workers=workers)
     index = np.arange(scene.population)[sums.targets]

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc import nested
 from sphtrunc.arithmetic import PRECISIONS, Health, arithmetic
 from sphtrunc.bounded import FINER, SLACK, Bounded
 from sphtrunc.digits import DIGITS, Extended
@@ -23,13 +24,13 @@ from sphtrunc.estimates import in_one_pass
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.operators import PAIRED, Operator
+from sphtrunc.nested import CELLS as CELLS
+from sphtrunc.operators import NESTED, PAIRED, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, paired, sample
 from sphtrunc.summation import Array
 from sphtrunc.sums import estimate, exact_derivatives
 
-CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
 FIRST, MOST = 2048, 1 << 20  # targets of the first batch, and at most, when rtol decides
 
 
@@ -49,6 +50,13 @@ class Task:
     precision: str
     bound: bool
     rtol: float | None = None
+
+    @property
+    def cells(self) -> int:
+        """The number of pairs that are looked at for a target, about."""
+        rows = max(1, self.scene.rows(self.kernel))
+        nested = self.operator.form == NESTED and not isinstance(self.scene, Lattice)
+        return rows * rows if nested else rows
 
     def run(self, target: Indices) -> Block:
         """Measure these targets."""
@@ -92,18 +100,22 @@ class Task:
             for one, own in zip(self.fields, owns, strict=True)
         ]
         health = Health()
-        parts, moments = estimate(
-            number,
-            s,
-            volume,
-            self.kernel,
-            self.operator,
-            self.degree,
-            samples,
-            health,
-            block.stretch,
-            self._density(number, block, volume),
-        )
+        if self.operator.form == NESTED:
+            found, moments = nested.estimate(self, number, block, s, volume, owns, health)
+            parts = found[0] if found else []
+        else:
+            parts, moments = estimate(
+                number,
+                s,
+                volume,
+                self.kernel,
+                self.operator,
+                self.degree,
+                samples,
+                health,
+                block.stretch,
+                self._density(number, block, volume),
+            )
         truth = exact_derivatives(self.operator, samples, len(s)) if samples else None
         errors = None
         if truth is not None:
@@ -308,7 +320,7 @@ def measure(
     with ThreadPoolExecutor(threads) as pool:
 
         def run(batch: Indices, expected: int) -> None:
-            size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
+            size = max(1, min(4096, CELLS // task.cells))
             done = sum(block.target.size for block in blocks)
             waiting: deque[Future[Block]] = deque()
             for first in range(0, batch.size + ahead * size, size):

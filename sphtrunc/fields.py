@@ -1,5 +1,8 @@
 """Fields: what the operators are applied to, evaluated from the offset to the target.
 
+Fields have `own`, what is drawn for a target; `at`, a `Sample` around it; and `between`, the
+difference A(s + t) − A(s) between two particles near it.
+
 A_b − A_a is never the difference of two values: with x = k·s, a = sin φ, c = cos φ, a sinusoid has
 A_b − A_a = 2 sin(x/2) [c cos(x/2) − a sin(x/2)], to the last digit however small h/λ is. Lengths
 are in units of h; the derivatives returned are with respect to s.
@@ -9,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import factorial, pi, prod
+from itertools import product
+from math import comb, factorial, pi, prod
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,6 +60,20 @@ class Sinusoid:
         phi = 2.0 * pi * uniform01(target.astype(np.uint64), seed, 200 + component)
         return np.sin(phi), np.cos(phi)
 
+    def _phase(self, number: Any, s: list[Any], part: float = 1.0) -> Any:
+        """k·s, or a part of it."""
+        return sum(number.number(part * k) * x for k, x in zip(self.wave(), s, strict=True))
+
+    def _difference(self, number: Any, s: list[Any], a: Any, c: Any, odd: bool = False) -> Any:
+        sine, cosine = number.sincos(self._phase(number, s, 0.5))
+        return 2 * (sine * (c * cosine if odd else c * cosine - a * sine))
+
+    def between(self, number: Any, s: list[Any], t: list[Any], own: Any, pair: Any) -> Any:
+        """A(s + t) − A(s)."""
+        a, c = number.number(own[0]), number.number(own[1])
+        sine, cosine = number.sincos(self._phase(number, s))
+        return self._difference(number, t, a * cosine + c * sine, c * cosine - a * sine)
+
     def at(
         self,
         number: Any,
@@ -67,9 +85,7 @@ class Sinusoid:
         """Sample for given sin φ and cos φ; the odd part is cos φ sin k·s."""
         k = self.wave()
         a, c = number.number(own[0]), number.number(own[1])
-        half = sum(number.number(0.5 * k_i) * s_i for k_i, s_i in zip(k, s, strict=True))
-        sine, cosine = number.sincos(half)
-        difference = 2 * (sine * (c * cosine if odd else c * cosine - a * sine))
+        difference = self._difference(number, s, a, c, odd)
         derivatives = {}
         for mu in multi_indices(len(k), 2):
             n = sum(mu)
@@ -98,6 +114,21 @@ class Polynomial:
             if sum(a) == derivatives
         ]
         return max(values, default=0.0) or 1.0
+
+    def between(self, number: Any, s: list[Any], t: list[Any], own: Any, pair: Any) -> Any:
+        """A(s + t) − A(s) = Σ c_α Σ_{0 < β <= α} C(α, β) s^{α−β} t^β."""
+        total: Any = 0 * t[0] * (0 * s[0])
+        for alpha, c in self.coefficients.items():
+            for beta in product(*(range(n + 1) for n in alpha)):
+                if not any(beta):
+                    continue
+                ways = prod(comb(n, m) for n, m in zip(alpha, beta, strict=True))
+                term = number.number(c) * ways
+                for s_i, t_i, n, m in zip(s, t, alpha, beta, strict=True):
+                    for factor in (*[s_i] * (n - m), *[t_i] * m):
+                        term = term * factor
+                total = total + term
+        return total
 
     def at(
         self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
@@ -143,17 +174,27 @@ class Bump:
         ]
         return np.stack([4.0 * u - 2.0 for u in draws])
 
-    def at(
-        self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
-    ) -> Sample:
-        """Sample around the places x/w in `own`; plain and compensated arithmetic only."""
+    def _steps(self, s: list[Any], x: list[Any]) -> tuple[Any, Any]:
+        """x·z and |z|²/2 for z = s/w: A falls by the exponential of their sum on the way from x."""
         if not isinstance(s[0], np.ndarray) or s[0].dtype == object:
             raise ValueError(
                 "field: a bump is evaluated in plain or compensated precision, no bound"
             )
         z = [s_i / self.width for s_i in s]
-        along = sum(z_i * x_i for z_i, x_i in zip(z, own, strict=True))
-        half = 0.5 * sum(z_i * z_i for z_i in z)
+        along = sum(z_i * x_i for z_i, x_i in zip(z, x, strict=True))
+        return along, 0.5 * sum(z_i * z_i for z_i in z)
+
+    def between(self, number: Any, s: list[Any], t: list[Any], own: Any, pair: Any) -> Any:
+        """A(s + t) − A(s); plain and compensated arithmetic only."""
+        x = [x_i + s_i / self.width for x_i, s_i in zip(own, s, strict=True)]
+        along, half = self._steps(t, x)
+        return np.exp(-0.5 * sum(x_i * x_i for x_i in x)) * np.expm1(-(along + half))
+
+    def at(
+        self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False
+    ) -> Sample:
+        """Sample around the places x/w in `own`; plain and compensated arithmetic only."""
+        along, half = self._steps(s, own)
         value = np.exp(-0.5 * sum(x_i * x_i for x_i in own))
         derivatives = {}
         for mu in multi_indices(len(s), 2):
@@ -183,6 +224,11 @@ class Values:
         known = self.derivatives or {}
         sizes = [float(np.abs(v).max()) for mu, v in known.items() if sum(mu) == derivatives]
         return max(sizes, default=0.0) or 1.0
+
+    def between(self, number: Any, s: list[Any], t: list[Any], own: Any, pair: Any) -> Any:
+        """A_c − A_b for the particles (c, b) of the pair."""
+        c, b = pair
+        return number.number(self.values[np.maximum(c, 0)]) - number.number(self.values[b])
 
     def at(
         self, number: Any, block: Neighbourhood, s: list[Any], own: Any, odd: bool = False

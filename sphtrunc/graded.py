@@ -64,11 +64,18 @@ class Graded:
         return s
 
     def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
     ) -> Neighbourhood:
-        """All neighbours of the targets, (1, N, T); the offsets are the floats that they are."""
+        """All particles within so many supports of the targets, (1, N, T); the offsets are the
+        floats that they are."""
         at = np.array(self.positions)[target]
-        support = float(kernel.support)
+        support = reach * float(kernel.support)
         start = self._march(np.zeros_like(at), at, float(self.offset))
         rows = [start]
         for direction in (1.0, -1.0):
@@ -92,12 +99,13 @@ class Graded:
             nothing if errors else [],
             target,
             kernel,
+            reach,
         )
 
-    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (1, N) and volumes (N,) of one target as arrays of Fractions."""
-        block = self.neighbourhood(np.array([target]), kernel, extended=True)
+        block = self.neighbourhood(np.array([target]), kernel, extended=True, reach=reach)
         low = np.zeros_like(block.volume) if block.volume_low is None else block.volume_low
-        inside = np.abs(block.offset[0, :, 0]) <= float(kernel.support)
+        inside = np.abs(block.offset[0, :, 0]) <= reach * float(kernel.support)
         volume = fractions(block.volume[inside, 0]) + fractions(low[inside, 0])
         return fractions(block.offset[:, inside, 0]), volume

@@ -28,13 +28,16 @@ _BITS = 256  # of an irrational unit
 @dataclass(frozen=True)
 class Kind:
     """units: (p, q, n) for (p/q)^(1/n) along each axis; primitive: index step -> integer point;
-    nearest: integer steps to the nearest neighbours, empty where they differ from site to site."""
+    nearest: integer steps to the nearest neighbours, empty where they differ from site to site;
+    turned: the sites from which the lattice looks turned about, s → −s, None where there are none
+    """
 
     dim: int
     units: tuple[tuple[int, int, int], ...]
     contains: Rule
     primitive: tuple[tuple[int, ...], ...]
     nearest: tuple[tuple[int, ...], ...]
+    turned: Rule | None = None
 
 
 def _everywhere(m: Indices) -> NDArray[np.bool_]:
@@ -100,6 +103,7 @@ KINDS: dict[str, Kind] = {
         _stacked,
         ((2, 0, 0), (1, 3, 0), (0, 0, 2)),
         (),
+        lambda m: m[2] % 2 == 1,
     ),
 }
 DEFAULT = {1: "uniform", 2: "square", 3: "cubic"}

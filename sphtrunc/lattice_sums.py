@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 from sympy import Rational
 
 from sphtrunc.kernel import Kernel
+from sphtrunc.lattice import KINDS
 from sphtrunc.moments import MultiIndex, add
-from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, NESTED, Key, Operator
 
 if TYPE_CHECKING:
     import numpy as np
@@ -123,10 +124,12 @@ def lattice_sums(
     offset: Sequence[Fraction],
     exact: bool = True,
     volume: str = "constant",
+    turned: bool | None = None,
 ) -> dict[Key, Any]:
     """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
 
     volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
+    turned: only over the sites that `Kind.turned` calls so, or over the others; None: over all
     kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
     rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
     rational radial values occur (always in 1D; for kernels even in q on square and cubic lattices)
@@ -141,9 +144,9 @@ def lattice_sums(
         zero = ((0,) * len(offset),) * 2
         home = (Fraction(0),) * len(offset)
         density = lattice_sums(kernel, [zero], kind, dx_over_h, home, exact)[zero]
-        sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact)
+        sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, "constant", turned)
         return {key: value / density for key, value in sums.items()}
-    shells = _shells(kind, dx_over_h, tuple(offset), _support(kernel))
+    shells = _shells(kind, dx_over_h, tuple(offset), _support(kernel), turned)
     dim = len(offset)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
     names = {name for key in keys for _, _, name in parts(key)}
@@ -194,13 +197,21 @@ class _Shells:
     """
 
     def __init__(
-        self, kind: str, ratio: Fraction, offset: tuple[Fraction, ...], support: Fraction
+        self,
+        kind: str,
+        ratio: Fraction,
+        offset: tuple[Fraction, ...],
+        support: Fraction,
+        turned: bool | None,
     ) -> None:
         import numpy as np
 
-        from sphtrunc.lattice import KINDS, sites, units
+        from sphtrunc.lattice import sites, units
 
         m = sites(kind, float(support / ratio), offset)
+        rule = KINDS[kind].turned
+        if rule is not None and turned is not None:
+            m = m[:, rule(m) == turned]
         unit_lengths = units(kind)
         roots = KINDS[kind].units
         self.rational = all(n == 1 for _, _, n in roots)
@@ -263,8 +274,60 @@ class _Shells:
 
 
 @lru_cache(maxsize=64)
-def _shells(kind: str, ratio: Fraction, offset: tuple[Fraction, ...], support: Fraction) -> _Shells:
-    return _Shells(kind, ratio, offset, support)
+def _shells(
+    kind: str,
+    ratio: Fraction,
+    offset: tuple[Fraction, ...],
+    support: Fraction,
+    turned: bool | None = None,
+) -> _Shells:
+    return _Shells(kind, ratio, offset, support, turned)
+
+
+def lattice_moments(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: Sequence[Fraction],
+    degree: int,
+    *,
+    axis: int = 0,
+    exact: bool = True,
+    volume: str = "constant",
+) -> dict[MultiIndex, Any]:
+    """The moments M_α, |α| <= degree, of one component of an operator on a lattice.
+
+    Arguments and numbers as of `lattice_sums`; of the nested form the moments are products of sums.
+
+    Raises ValueError as that does, where no particle is inside the support, and where the matrix of
+    a correction is singular.
+    """
+    dim = len(offset)
+    keys = operator.needed(dim, degree)
+    sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, volume)
+    if not any(sums.values()):
+        raise ValueError(
+            f"dx-over-h: got {dx_over_h}, and no particle is inside the support of"
+            f" {kernel.support}h; expected a smaller ratio (did you mean h/Δx?)"
+        )
+    around = None
+    if operator.form == NESTED:
+        home = (Fraction(0),) * dim
+        seen = lattice_sums(kernel, keys, kind, dx_over_h, home, exact, volume)
+        if KINDS[kind].turned is None:
+            around = [(sums, seen)]
+        else:
+            part = [
+                lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, volume, turned)
+                for turned in (False, True)
+            ]
+            about = {
+                (delta, alpha): (-1) ** (sum(delta) + sum(alpha)) * value
+                for (delta, alpha), value in seen.items()
+            }
+            around = [(part[0], seen), (part[1], about)]
+    return operator.correct(sums, dim, degree, axis, around=around)
 
 
 def metric(roots: Sequence[tuple[int, int, int]]) -> tuple[int, ...]:

@@ -73,8 +73,10 @@ def assemble(
     error: list[Array],
     target: Indices,
     kernel: Kernel,
+    reach: int = 1,
 ) -> Neighbourhood:
-    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count."""
+    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count, those
+    within so many supports."""
     dim, support = offset.shape[0], float(kernel.support)
     arrays = {f"s{i}": s for i, s in enumerate(offset)}
     arrays |= {f"low{i}": s for i, s in enumerate(low)} | {f"e{i}": s for i, s in enumerate(error)}
@@ -85,17 +87,18 @@ def assemble(
     distance = arrays["s0"] * arrays["s0"]
     for i in range(1, dim):
         distance += arrays[f"s{i}"] * arrays[f"s{i}"]
-    near = distance <= (support * EDGE) ** 2
+    near = distance <= (reach * support * EDGE) ** 2
     if volume_rule == "cell":
         near[[0, -1]] = False  # no cell: it ends outside the candidates
-    kept = compact(near, arrays, 2.0 * support + 1.0)
+    far = (3.0 * reach - 1.0) * support + 1.0
+    kept = compact(near, arrays, far)
     volume = kept.get("volume", np.full((1, 1), constant[0]))
     volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
     volume_error: Array | None = kept.get("volume_error", np.abs(volume_low) * EDGE)
     packed = np.stack([kept[f"s{i}"] for i in range(dim)])
     if volume_rule == "summation":
-        wide = distance <= (2.0 * support * EDGE) ** 2
-        around = compact(wide, arrays, 5.0 * support + 1.0)
+        wide = distance <= ((reach + 1) * support * EDGE) ** 2
+        around = compact(wide, arrays, far + 3.0 * support)
         volume = summed(packed, np.stack([around[f"s{i}"] for i in range(dim)]), kernel)
         volume_low, volume_error = np.zeros((1, 1)), None
     return Neighbourhood(

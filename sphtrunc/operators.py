@@ -27,12 +27,15 @@ from sphtrunc.moments import MultiIndex, add, multi_indices, unit
 Term = Any  # δ, or the name of a term of its own
 Key = tuple[Term, MultiIndex]  # (δ, α)
 Sums = Mapping[Key, Any]
+Around = Sequence[tuple[Sums, Sums]]  # see `Operator.correct`
 Solver = Callable[[Sequence[Sequence[Any]], Sequence[Sequence[Any]]], list[list[Any]]]
 
 #: terms beside the derivatives of the kernel: −Ŵ′/q and −Ŵ′/q³ (without the particle at s = 0)
 BROOKSHAW, FATEHI_MANZARI = "brookshaw", "fatehi-manzari"
 #: the form that takes neighbours at ±s together
 PAIRED = "paired"
+#: the form that has no terms of its own: a gradient's, twice
+NESTED = "nested"
 
 #: operator: number of derivatives, forms (the first is the default)
 OPERATORS = {
@@ -40,8 +43,8 @@ OPERATORS = {
     "gradient": (1, ("standard", "difference", "symmetric", PAIRED)),
     "divergence": (1, ("standard", "difference", "symmetric", PAIRED)),
     "curl": (1, ("standard", "difference", "symmetric", PAIRED)),
-    "laplacian": (2, ("direct", "difference", BROOKSHAW, FATEHI_MANZARI)),
-    "hessian": (2, ("direct", "difference")),
+    "laplacian": (2, ("direct", "difference", BROOKSHAW, FATEHI_MANZARI, NESTED)),
+    "hessian": (2, ("direct", "difference", NESTED)),
 }
 #: what the exact theory in `derive` covers
 DERIVATIVES = {"value": 0, "gradient": 1}
@@ -63,7 +66,10 @@ class Operator:
         2 Σ (A_b − A_a)(−W′/r) V (Brookshaw 1985, doi:10.1017/S1323358000018117; Morris, Fox & Zhu
         1997, doi:10.1006/jcph.1997.5776);
         "fatehi-manzari", the same less the part of ∇A (CSPH), contracted with the tensor that
-        makes it exact for quadratic fields (2011, doi:10.1016/j.camwa.2010.12.028)
+        makes it exact for quadratic fields (2011, doi:10.1016/j.camwa.2010.12.028); "nested", the
+        gradient of the gradient, ⟨∂ᵢ⟨∂ⱼA⟩⟩ with i <= j, both of them in the difference form and
+        with the same correction (Chaniotis, Poulikakos & Koumoutsakos 2002,
+        doi:10.1006/jcph.2002.7152, compare it with the others)
     correction: "none"; "shepard" divides the kernel by Σ W V; "csph" multiplies the gradient by the
         inverse of Σ_b ∇W (x_b − x_a) V ("csph-shepard": of the kernel that Shepard's has divided);
         "rkpm-m" multiplies the kernel by the polynomial of degree m that makes the estimate exact
@@ -84,7 +90,7 @@ class Operator:
             object.__setattr__(self, "form", forms[0])
         _choice("form", self.form, forms)
         _choice("correction", self.correction, CORRECTIONS)
-        if self.derivatives != 1 and self.correction.startswith("csph"):
+        if self.derivatives != 1 and self.correction.startswith("csph") and self.form != NESTED:
             raise ValueError(
                 f"correction: {self.correction} corrects a gradient, not a {self.name};"
                 " expected none, shepard or rkpm-1 to rkpm-3"
@@ -102,7 +108,7 @@ class Operator:
     @property
     def uses_difference(self) -> bool:
         """The estimate sees differences of A only, not A_a itself."""
-        return self.form in ("difference", PAIRED, BROOKSHAW, FATEHI_MANZARI)
+        return self.form in ("difference", PAIRED, BROOKSHAW, FATEHI_MANZARI, NESTED)
 
     def require_pairs(self, present: bool) -> None:
         """Raises ValueError where the form needs neighbours at ±s, and they are not present."""
@@ -116,7 +122,19 @@ class Operator:
     @property
     def uncorrected(self) -> bool:
         """The weights are the kernel's own, so that the base sums are the moments."""
-        return self.correction == "none" and self.form != FATEHI_MANZARI
+        return self.correction == "none" and self.form not in (FATEHI_MANZARI, NESTED)
+
+    @property
+    def gradient(self) -> Operator:
+        """The gradient that the nested form takes twice."""
+        return Operator("gradient", "difference", self.correction)
+
+    def axes(self, dim: int) -> list[list[tuple[int, int]]]:
+        """For each component of a nested second derivative: the (i, j) of ⟨∂ᵢ⟨∂ⱼA⟩⟩, summed."""
+        return [
+            [tuple(i for i, n in enumerate(mu) for _ in range(n)) for mu in row]  # type: ignore[misc]
+            for row in self.components(dim)
+        ]
 
     @property
     def polynomial_degree(self) -> int | None:
@@ -131,7 +149,7 @@ class Operator:
         if self.form == FATEHI_MANZARI:
             return 2
         if self.correction.startswith("csph"):
-            return 1 if self.form == "difference" or "shepard" in self.correction else -1
+            return 1 if self.uses_difference or "shepard" in self.correction else -1
         if self.polynomial_degree is not None:
             return self.polynomial_degree
         return 0 if self.uses_difference else -1
@@ -153,6 +171,8 @@ class Operator:
 
     def needed(self, dim: int, degree: int) -> list[Key]:
         """The base sums that moments up to `degree` of every component need, and no others."""
+        if self.form == NESTED:
+            return self.gradient.needed(dim, degree)
         m = self.polynomial_degree
         terms: list[Term]
         if self.form == BROOKSHAW:
@@ -173,7 +193,7 @@ class Operator:
     def coefficients(
         self, sums: Sums, dim: int, solve: Solver | None = None
     ) -> list[dict[Key, Any]]:
-        """c[δ, γ] for each row of `components`.
+        """c[δ, γ] for each row of `components`; of the nested form for its gradient's, at a target.
 
         `solve(matrix, columns)` solves a linear system; the default is exact elimination, which
         raises ValueError where the correction matrix is singular.
@@ -185,6 +205,8 @@ class Operator:
             return [{(BROOKSHAW, zero): 2}]
         if self.form == FATEHI_MANZARI:
             return [_fatehi_manzari(sums, dim, solve)]
+        if self.form == NESTED:
+            return self.gradient.coefficients(sums, dim, solve)
         rows = self.components(dim)
         if m is None:
             parts: list[dict[Key, Any]] = [{(mu, zero): 1 for mu in row} for row in rows]
@@ -197,10 +219,23 @@ class Operator:
         return parts
 
     def correct(
-        self, sums: Sums, dim: int, degree: int, axis: int = 0, solve: Solver | None = None
+        self,
+        sums: Sums,
+        dim: int,
+        degree: int,
+        axis: int = 0,
+        solve: Solver | None = None,
+        around: Around | None = None,
     ) -> dict[MultiIndex, Any]:
         """The moments M_α, |α| <= degree, of the component `axis`, from the base sums (for the
-        symmetric form: of particles of equal density)."""
+        symmetric form: of particles of equal density).
+
+        around: for the nested form, what the neighbours see: for each sort of particles the part
+            of `sums` over these, and the sums at one of them; None where the target is a particle
+            and all are alike
+        """
+        if self.form == NESTED:
+            return self._nested(sums, dim, degree, axis, solve, around or [(sums, sums)])
         part = self.coefficients(sums, dim, solve)[axis]
         moments = {alpha: combine(part, sums, alpha) for alpha in multi_indices(dim, degree)}
         zero = unit(dim, 0, 0)
@@ -209,6 +244,57 @@ class Operator:
         elif self.form == "symmetric":
             moments[zero] = 2 * moments[zero]
         return moments
+
+    def _nested(
+        self,
+        sums: Sums,
+        dim: int,
+        degree: int,
+        axis: int,
+        solve: Solver | None,
+        around: Around,
+    ) -> dict[MultiIndex, Any]:
+        """M_α = Σ_b w_b (⟨∂ⱼ s^α⟩_b − ⟨∂ⱼ s^α⟩_a) with ⟨∂ⱼ s^α⟩_b = Σ_β C(α, β) s_b^{α−β} m^b_β."""
+        alphas = list(multi_indices(dim, degree))
+        gradient = self.gradient
+        rows = gradient.coefficients(sums, dim, solve)
+
+        def inner(at: Sums) -> list[dict[MultiIndex, Any]]:
+            return [gradient.correct(at, dim, degree, j, solve) for j in range(dim)]
+
+        own = inner(sums)
+        sorts = [
+            (
+                [{a: combine(row, part, a) for a in alphas} for row in rows],
+                own if at is sums else inner(at),
+            )
+            for part, at in around
+        ]
+        return {
+            alpha: sum(
+                sum(shifted(outer[i], slopes[j], alpha) for outer, slopes in sorts)
+                - _times(combine(rows[i], sums, alphas[0]), own[j][alpha])
+                for i, j in self.axes(dim)[axis]
+            )
+            for alpha in alphas
+        }
+
+
+def shifted(
+    powers: Mapping[MultiIndex, Any], moments: Mapping[MultiIndex, Any], alpha: MultiIndex
+) -> Any:
+    """Σ_{β <= α} C(α, β) powers_{α−β} moments_β: the estimate of s^α at a place from its moments
+    there and the powers of its offset, or from the sums of either."""
+    return sum(
+        _times(_times(powers[_minus(alpha, beta)], moments[beta]), _binomial(alpha, beta))
+        for beta in _below(alpha)
+    )
+
+
+def _times(x: Any, y: Any) -> Any:
+    """x y, and the number 0 where one of them is: an exact zero is not made a rounded one."""
+    known = (one for one in (x, y) if not hasattr(one, "dtype"))
+    return 0 if any(one == 0 for one in known) else x * y
 
 
 def combine(part: Mapping[Key, Any], sums: Sums, alpha: MultiIndex) -> Any:

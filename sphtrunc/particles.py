@@ -78,7 +78,7 @@ class Particles:
         inside = np.mod(x.T, self.period)
         return np.where(inside < self.period, inside, 0.0) * self._unit
 
-    def _neighbours(self, target: Indices, kernel: Kernel) -> list[list[int]]:
+    def _neighbours(self, target: Indices, kernel: Kernel, times: int = 1) -> list[list[int]]:
         support = float(kernel.support)
         if self.period is not None:
             reach = 2.0 * support * float(self.h.max())
@@ -94,7 +94,7 @@ class Particles:
             h = 0.5 * (h + self.h.max())
         # the search squares: what is left out by its rounding has to be added
         spread = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
-        radius = support * h * EDGE + 4.0 * UNIT * spread
+        radius = times * support * h * EDGE + 4.0 * UNIT * spread
         found: list[list[int]] = list(
             self._tree().query_ball_point(
                 self._wrapped(self.x[:, target]), radius * self._unit, return_sorted=True
@@ -225,12 +225,13 @@ class Particles:
             self._trees["kernel"], self._trees["summed"] = kernel, volume
         return np.asarray(self._trees["summed"])
 
-    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions; the arrays given
         are the floats that they are."""
         if not self.one_h:
             raise ValueError("precision: exact needs mode gather, or one h for all particles")
-        near = np.array(self._neighbours(np.array([target]), kernel)[0], dtype=np.int64)
+        found = self._neighbours(np.array([target]), kernel, reach)
+        near = np.array(found[0], dtype=np.int64)
         x, own, h = fractions(self.x[:, near]), fractions(self.x[:, target]), self.h[target]
         offset = x - own[:, None]
         if self.period is not None:
@@ -239,7 +240,7 @@ class Particles:
         offset = offset / fractions(h[None])[0]
         v = self.given if self.given is not None else self._cells()
         volume = fractions(v[near]) / fractions(h[None])[0] ** self.dim
-        inside = (offset * offset).sum(axis=0) <= fraction(kernel.support) ** 2
+        inside = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
         return offset[:, inside], volume[inside]
 
 

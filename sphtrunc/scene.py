@@ -96,10 +96,16 @@ class Lattice:
         return int(_stencil(self, kernel).shape[1])
 
     def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
     ) -> Neighbourhood:
-        """The stencil, (d, N, 1). Offsets are exact numbers rounded once."""
-        m = _stencil(self, kernel)
+        """The stencil out to so many supports, (d, N, 1): exact numbers, rounded once."""
+        m = _stencil(self, kernel, reach=reach)
         s, low = _positions(self, m, self.dx_over_h, extended or errors)
         rest = None if low is None else low[:, :, None]
         volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
@@ -120,9 +126,9 @@ class Lattice:
             volume_error=error if errors else None,
         )
 
-    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) as arrays of Fractions."""
-        m = _stencil(self, kernel)
+        m = _stencil(self, kernel, reach=reach)
         offset = _exact_positions(self, m) * self.dx_over_h
         return offset, np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
 
@@ -170,10 +176,11 @@ class Jittered:
         """A target is a particle and moves with it, unless the lattice has an offset."""
         return not any(self.lattice.offset)
 
-    def _sites(self, kernel: Kernel) -> Indices:
+    def _sites(self, kernel: Kernel, reach: int = 1) -> Indices:
         slack = self.largest * (2.0 if self.target_moves else 1.0)
         margin = 1.0 + 3.0 * slack if self.volume == "cell" else 0.0
-        return _stencil(self.lattice, kernel, slack, margin, 2 if self.volume == "summation" else 1)
+        reach += self.volume == "summation"
+        return _stencil(self.lattice, kernel, slack, margin, reach)
 
     def rows(self, kernel: Kernel) -> int:
         """The number of candidates that are looked at for a target."""
@@ -218,10 +225,16 @@ class Jittered:
         return np.asarray(primitive.T @ np.stack(steps))
 
     def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
     ) -> Neighbourhood:
-        """All neighbours of the targets, (d, N, T), N the largest number among them."""
-        m = self._sites(kernel)
+        """All particles within so many supports of the targets, (d, N, T), N the largest number."""
+        m = self._sites(kernel, reach)
         base, base_low = _positions(self.lattice, m, Fraction(1), extended or errors)
         dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
         origin = jitter.place(self.origin(target))
@@ -245,11 +258,11 @@ class Jittered:
                 gap = np.abs((fine[0] - s) + fine[1])
                 error.append(gap * EDGE + 2.0**-84 * np.abs(s))
         volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
-        return assemble(self.volume, volume, offset, low, error, target, kernel)
+        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
 
-    def exact_neighbourhood(self, target: int, kernel: Kernel) -> tuple[Any, Any]:
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
-        m = self._sites(kernel)
+        m = self._sites(kernel, reach)
         origin = self.origin(np.array([target]))
         moved = fractions(self.displacement(m + origin))
         if self.target_moves:
@@ -260,7 +273,7 @@ class Jittered:
             offset = np.sort(offset, axis=1)
             volume = (offset[0, 2:] - offset[0, :-2]) / 2
             offset = offset[:, 1:-1]
-        near = (offset * offset).sum(axis=0) <= fraction(kernel.support) ** 2
+        near = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
         return offset[:, near], volume[near]
 
 

@@ -17,6 +17,52 @@ from sphtrunc.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator, combine
 
 
+class Weights:
+    """The terms of an operator at the neighbours of T targets, (N, T), in an arithmetic, and sums
+    of them; arguments as of `estimate`."""
+
+    def __init__(
+        self,
+        number: Any,
+        s: list[Any],
+        volume: Any,
+        kernel: Kernel,
+        operator: Operator,
+        stretch: Any = None,
+    ) -> None:
+        self.number, self.s, self.operator = number, s, operator
+        self.terms = _terms(number, s, number.length(s), volume, kernel, operator, stretch)
+        self._monomials: dict[MultiIndex, Any] = {}
+
+    def monomial(self, alpha: MultiIndex) -> Any:
+        """s^α, and the number 1 for α = 0."""
+        if not any(alpha):
+            return 1
+        if alpha not in self._monomials:
+            axis = next(i for i, n in enumerate(alpha) if n)
+            lower = tuple(n - (i == axis) for i, n in enumerate(alpha))
+            s = self.s[axis]
+            self._monomials[alpha] = self.monomial(lower) * s if any(lower) else s
+        return self._monomials[alpha]
+
+    def total(self, key: Key, factor: Any = None) -> Any:
+        """Σ_b s^α (term)_b factor_b."""
+        term, alpha = key
+        weight = self.terms[term]
+        if any(alpha):
+            weight = weight * self.monomial(alpha)
+        return self.number.total(weight) if factor is None else self.number.dot(weight, factor)
+
+    def coefficients(self, health: Health) -> tuple[list[dict[Key, Any]], dict[Key, Any]]:
+        """`Operator.coefficients` at the targets, and the sums that they are made of."""
+        dim, operator = len(self.s), self.operator
+        sums: dict[Key, Any] = {}
+        if not operator.uncorrected:
+            sums = {key: self.total(key) for key in operator.needed(dim, 0)}
+        solve = partial(self.number.solve, health=health)
+        return operator.coefficients(sums, dim, solve), sums
+
+
 def estimate(
     number: Any,
     s: list[Any],
@@ -35,30 +81,9 @@ def estimate(
     vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
     """
     dim = len(s)
-    q = number.length(s)
-    terms = _terms(number, s, q, volume, kernel, operator, stretch)
     zero = unit(dim, 0, 0)
-    monomials: dict[MultiIndex, Any] = {}
-
-    def monomial(alpha: MultiIndex) -> Any:
-        if alpha not in monomials:
-            axis = next(i for i, n in enumerate(alpha) if n)
-            lower = tuple(n - (i == axis) for i, n in enumerate(alpha))
-            monomials[alpha] = monomial(lower) * s[axis] if any(lower) else s[axis]
-        return monomials[alpha]
-
-    def weighted(key: Key, factor: Any = None) -> Any:
-        """Σ_b s^α (term)_b factor_b."""
-        term, alpha = key
-        weight = terms[term]
-        if any(alpha):
-            weight = weight * monomial(alpha)
-        return number.total(weight) if factor is None else number.dot(weight, factor)
-
-    sums: dict[Key, Any] = {}
-    if not operator.uncorrected:
-        sums = {key: weighted(key) for key in operator.needed(dim, 0)}
-    parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
+    weights = Weights(number, s, volume, kernel, operator, stretch)
+    parts, sums = weights.coefficients(health)
     moments: dict[MultiIndex, Any] = {}
     if degree is not None:
         factor = density if operator.form == "symmetric" else None
@@ -66,7 +91,7 @@ def estimate(
             for term, gamma in parts[0]:
                 key = term, add(alpha, gamma)
                 if key not in sums:
-                    sums[key] = weighted(key, factor)
+                    sums[key] = weights.total(key, factor)
             moments[alpha] = combine(parts[0], sums, alpha)
         if operator.uses_difference:
             moments[zero] = number.number(np.full(_targets(s), float(operator.derivatives == 0)))
@@ -75,7 +100,7 @@ def estimate(
                 moments[zero] = 2 * moments[zero]
             else:
                 back = number.ratio(number.number(np.ones(1)), density)
-                moments[zero] = moments[zero] + weighted((unit(dim, 0), zero), back)
+                moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
     found = []
     for one in fields:
         seen = one.difference
@@ -84,7 +109,7 @@ def estimate(
         elif not operator.uses_difference:
             seen = one.difference + one.own
         keys = dict.fromkeys(key for part in parts for key in part)
-        at = {key: weighted(key, seen) for key in keys}
+        at = {key: weights.total(key, seen) for key in keys}
         found.append([sum(c * at[key] for key, c in part.items()) for part in parts])
     return _contracted(operator, found, fields, dim), moments
 

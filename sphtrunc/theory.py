@@ -15,8 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cache, lru_cache, partial
-from itertools import product
-from math import comb, lcm, prod
+from math import lcm
 from typing import TYPE_CHECKING, Any
 
 from sympy import QQ, Expr, Poly, Rational, factorial, floor, radsimp
@@ -25,9 +24,9 @@ from sphtrunc.bernoulli import fraction, periodic_bernoulli, phased, simple
 from sphtrunc.derivation import Derivation, Orders, Term
 from sphtrunc.kernel import Kernel, dimension, jumps, q, rational, steps
 from sphtrunc.lattice import in_pairs
-from sphtrunc.lattice_sums import continuous_sum, lattice_sums, laurent, parts
+from sphtrunc.lattice_sums import continuous_sum, lattice_moments, laurent, parts
 from sphtrunc.moments import Moments, MultiIndex, unit
-from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, Key, Operator
+from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, NESTED, Around, Key, Operator
 from sphtrunc.parse import kernel as parse_kernel
 
 if TYPE_CHECKING:
@@ -93,7 +92,11 @@ def derive(
             _require_neighbours(kernel, ratio, theta)
         if dim == 1 and isinstance(kernel, Kernel) and volume == "constant":
             sums = euler_maclaurin_sums(continuous, terms, ratio, theta)
-            discrete = _moments(operator, sums, dim, degree, "derived")
+            around = None
+            if operator.form == NESTED and theta != 0:
+                home = euler_maclaurin_sums(continuous, terms, ratio, Rational(0))
+                around = [(sums, home)]
+            discrete = _moments(operator, sums, dim, degree, "derived", around)
         else:
             discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
     return Derivation(
@@ -165,17 +168,12 @@ def _summed(
         raise ValueError(
             f"dx-over-h: got {ratio}, a target has over {most} neighbours; expected a larger ratio"
         )
-    linear = operator.uncorrected
-    needed = operator.needed(dim, degree)
-    sums = lattice_sums(kernel, needed, kind, step, offset, linear, volume)
-    if not any(sums.values()):
-        raise ValueError(
-            f"dx-over-h: got {ratio}, and no particle is inside the support of"
-            f" {kernel.support}h; expected a smaller ratio (did you mean h/Δx?)"
-        )
-    found = _moments(operator, sums, dim, degree, "derived")
-    values = {a: m if isinstance(m, (int, Expr)) else _rounded(m) for a, m in found.values.items()}
-    return Moments(values, found.exact, found.derivatives, found.provenance)
+    linear = operator.uncorrected or (operator.form == NESTED and operator.correction == "none")
+    found = lattice_moments(
+        kernel, operator, kind, step, offset, degree, exact=linear, volume=volume
+    )
+    values = {a: m if isinstance(m, (int, Expr)) else _rounded(m) for a, m in found.items()}
+    return Moments(values, operator.target(dim), operator.derivatives, "derived")
 
 
 def spacing(value: object) -> Expr:
@@ -194,9 +192,14 @@ def spacing(value: object) -> Expr:
 
 
 def _moments(
-    operator: Operator, sums: Mapping[Key, Any], dim: int, degree: int, provenance: str
+    operator: Operator,
+    sums: Mapping[Key, Any],
+    dim: int,
+    degree: int,
+    provenance: str,
+    around: Around | None = None,
 ) -> Moments:
-    values = operator.correct(sums, dim, degree)
+    values = operator.correct(sums, dim, degree, around=around)
     return Moments(values, operator.target(dim), operator.derivatives, provenance)
 
 
@@ -209,31 +212,6 @@ def _smoothing_order(kernel: Kernel | Gaussian, operator: Operator, dim: int) ->
         if order is not None:
             return order
         degree += 2  # ends: R_{2n} of a kernel of compact support cannot vanish for all n
-
-
-def nested(outer: Moments, inner: Moments) -> Moments:
-    """The moments of an estimate applied to the estimates at all particles, on a lattice seen from
-    one of its particles: M_α = Σ_β C(α, β) M_β^{outer} M_{α−β}^{inner}.
-
-    The gradient of a gradient is the nested form of a second derivative: on a particle b the inner
-    estimate of (x − x_a)^α is Σ_β C(α, β) (x_b − x_a)^β M_{α−β}. Its weights reach over two
-    supports, and its smoothing error is twice that of the direct form.
-    """
-
-    def convolved(left: Mapping[MultiIndex, Any], right: Mapping[MultiIndex, Any]) -> Any:
-        for alpha in outer.values:
-            total: Any = 0
-            for beta in product(*(range(n + 1) for n in alpha)):
-                rest = tuple(n - b for n, b in zip(alpha, beta, strict=True))
-                ways = prod(comb(n, b) for n, b in zip(alpha, beta, strict=True))
-                total += ways * left.get(beta, 0) * right.get(rest, 0)
-            yield alpha, total
-
-    exact = {alpha: m for alpha, m in convolved(outer.exact, inner.exact) if m}
-    derivatives = outer.derivatives + inner.derivatives
-    return Moments(
-        dict(convolved(outer.values, inner.values)), exact, derivatives, outer.provenance
-    )
 
 
 # -- uniform particles in 1D ----------------------------------------------------------------------
@@ -322,9 +300,15 @@ def _require_neighbours(kernel: Kernel | Gaussian, ratio: Expr, theta: Rational)
 
 
 def _response(
-    operator: Operator, continuous: Mapping[Key, Any], degree: int
+    operator: Operator,
+    continuous: Mapping[Key, Any],
+    degree: int,
+    who: str = "everyone",
 ) -> dict[MultiIndex, dict[Key, Any]]:
-    """∂M_α/∂m[key] at the continuous limit, exactly: by a rational function of one symbol ε."""
+    """∂M_α/∂m[key] at the continuous limit, exactly: by a rational function of one symbol ε.
+
+    who: whose sums: of "everyone", or in the nested form of the "target" or the "neighbours" alone
+    """
     keys = list(continuous)
     if operator.uncorrected:
         part = operator.coefficients(continuous, 1)[0]
@@ -343,7 +327,10 @@ def _response(
     exact = {key: field(QQ.from_sympy(value)) for key, value in continuous.items()}
     result: dict[MultiIndex, dict[Key, Any]] = {}
     for key in keys:
-        moments = operator.correct({**exact, key: exact[key] + epsilon}, 1, degree)
+        moved = {**exact, key: exact[key] + epsilon}
+        own = exact if who == "neighbours" else moved
+        seen = exact if who == "target" else moved
+        moments = operator.correct(own, 1, degree, around=[(own, seen)])
         for alpha, value in moments.items():
             slope = field(value).diff(epsilon)
             if slope.numer.const():
@@ -367,19 +354,23 @@ def _orders(
         cut = not isinstance(kernel, Kernel) and kernel.cut is not None and dim == 1
         return Orders(smoothing, 1, 2) if cut else Orders(smoothing, None, None)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
-    response = _response(operator, continuous, degree)
+    views = [(theta, "everyone")]
+    if operator.form == NESTED and theta != 0:
+        views = [(theta, "target"), (Rational(0), "neighbours")]
+    responses = [(at, _response(operator, continuous, degree, who)) for at, who in views]
     powers = sorted({t.dx_power for t in terms})
     horizon = powers[-1] + 1 if operator.uncorrected else 2 * powers[0]
     generic = aligned = None
     for n in (p for p in powers if p < horizon):
         rows = [
-            phased(row, n, theta)
+            (at, phased(row, n, at))
+            for at, response in responses
             for row in _linear_terms(response, [t for t in terms if t.dx_power == n])
         ]
-        rows = [row for row in rows if row]
+        rows = [(at, row) for at, row in rows if row]
         if rows and generic is None:
             generic = n
-        if any(_survives_alignment(row, n, theta, kernel.support) for row in rows):
+        if any(_survives_alignment(row, n, at, kernel.support) for at, row in rows):
             aligned = n
             break
     return Orders(smoothing, generic, aligned)

@@ -13,7 +13,7 @@ from sphtrunc.bernoulli import phased
 from sphtrunc.gaussian import Gaussian
 from sphtrunc.kernel import Kernel
 from sphtrunc.moments import label
-from sphtrunc.operators import Operator
+from sphtrunc.operators import NESTED, Operator
 
 if TYPE_CHECKING:
     from sphtrunc.derivation import Derivation, Term
@@ -122,7 +122,8 @@ def _discretisation_text(d: Derivation) -> str:
                 f"  order (Δx/h){_power(aligned)} at the aligned ratios Δx/h = {kappa}/n, n odd"
             )
     if not d.operator.uncorrected:
-        lines.append("  the corrected moments are rational functions of the sums m[δ, k] below")
+        what = "corrected" if d.operator.form != NESTED else "nested"
+        lines.append(f"  the {what} moments are rational functions of the sums m[δ, k] below")
     shown = _leading_terms(d)
     if shown:
         lines.append("  leading terms, with B̃ₙ the periodic Bernoulli polynomials:")

@@ -22,15 +22,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc import nested
 from sphtrunc.arithmetic import Health, Plain
 from sphtrunc.experiment import CELLS, Task, _chosen, until
 from sphtrunc.fields import Sinusoid, sinusoid
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.operators import Operator
+from sphtrunc.operators import NESTED, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.scene import Indices, Lattice, Scene, paired
 from sphtrunc.summation import Array
-from sphtrunc.sums import _terms
+from sphtrunc.sums import _terms, exact_derivatives
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
@@ -72,7 +73,7 @@ def waves(
         for operator in operators
     ]
     found: list[list[list[Block]]] = [[[] for _ in fields] for _ in operators]
-    size = max(1, min(4096, CELLS // max(1, scene.rows(kernel))))
+    size = max(1, min(4096, CELLS // max(row[0].cells for row in tasks)))
     with ThreadPoolExecutor(workers) as pool:
 
         def run(batch: Indices, expected: int) -> None:
@@ -119,6 +120,9 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
     counts = inside.sum(axis=0), (inside & (distance > 0.0)).sum(axis=0)
     result = []
     for row in tasks:
+        if row[0].operator.form == NESTED:
+            result.append(_twice(row, block, target, counts))
+            continue
         reach = [float(np.linalg.norm(_wave(t))) * float(t.kernel.support) for t in row]
         short = [x <= LONGEST for x in reach]
         if row[0].operator.form == "symmetric" and block.volume.shape != (1, 1):
@@ -209,8 +213,32 @@ def _series(
         (field,) = tasks[0].fields
         assert isinstance(field, Sinusoid)
         sine, cosine = field.own(target, tasks[0].seed, 0)
-    errors = even * sine + odd * cosine
-    condition = np.broadcast_to(np.asarray(health.condition, dtype=np.float64), target.shape)
+    return _blocks(target, counts, health, list(even * sine + odd * cosine))
+
+
+def _twice(
+    tasks: Sequence[Task], block: Neighbourhood, target: Indices, counts: tuple[Indices, Indices]
+) -> list[Block]:
+    """Blocks of a nested operator at several wavelengths: its gradients once, applied to each."""
+    fields = tuple(field for task in tasks for field in task.fields)
+    task, number, health = replace(tasks[0], fields=fields), Plain(), Health()
+    s, volume = list(block.offset), np.asarray(block.volume)
+    phases = (np.array([0.0, 1.0]), np.array([1.0, 0.0]))
+    lattice = isinstance(task.scene, Lattice)
+    owns: list[Any] = [phases if lattice else f.own(target, task.seed, 0) for f in fields]
+    found, _ = nested.estimate(task, number, block, s, volume, owns, health)
+    errors = []
+    for field, own, parts in zip(fields, owns, found, strict=True):
+        truth = exact_derivatives(task.operator, [field.at(number, block, s, own)], len(s))
+        assert truth is not None
+        errors.append(np.stack([p - t for p, t in zip(parts, truth, strict=True)]))
+    return _blocks(target, counts, health, errors)
+
+
+def _blocks(
+    target: Indices, counts: tuple[Indices, Indices], health: Health, errors: Sequence[Array]
+) -> list[Block]:
+    """One block for each wavelength."""
     shared = Block(
         target=target,
         estimates=None,
@@ -220,7 +248,7 @@ def _series(
         moment_rest=None,
         pairs=counts[0],
         neighbours=counts[1],
-        condition=condition,
+        condition=np.broadcast_to(np.asarray(health.condition, dtype=np.float64), target.shape),
     )
     return [replace(shared, errors=one) for one in errors]
 

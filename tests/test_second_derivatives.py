@@ -17,7 +17,6 @@ from sympy import Rational, bernoulli, factorial
 from sphtrunc import derive, kernel
 from sphtrunc.catalogue import names
 from sphtrunc.cli import group
-from sphtrunc.theory import nested
 
 SMOOTH = [n for n in names() if kernel(n).smoothness >= 1 and not n.startswith("b-spline:1")]
 
@@ -90,33 +89,6 @@ def test_brookshaw_has_half_the_smoothing_error(name: str, dim: int) -> None:
     c3 = Rational(1, 2**3 * factorial(3) * dim * (dim + 2) * (dim + 4))
     assert half[1] == (6, 4, c3 * 2 * (4 + dim) * r4)
     assert full[1] == (6, 4, r4 / (2**2 * 2 * dim * (dim + 2)))
-
-
-def test_nested_is_a_sum_of_sums() -> None:
-    """The gradient of a gradient, by two loops in fractions; twice the direct smoothing error."""
-    ratio = Fraction(2, 5)
-    found = derive("cubic-spline", degree=6, dx_over_h=ratio)
-    assert found.discrete is not None
-    twice = nested(found.discrete, found.discrete)
-    shape = kernel("cubic-spline")
-
-    def slope(x: Fraction) -> Fraction:
-        exact = Rational(str(abs(x)))
-        inside = [p for b, p in zip(shape.knots[1:], shape.derivative(), strict=True) if exact <= b]
-        if not inside:
-            return Fraction(0)
-        value = Fraction(str(inside[0].eval(exact) * shape.normalisation(1)))
-        return value if x > 0 else -value
-
-    s = [j * ratio for j in range(-5, 6)]
-    for k in range(7):
-        by_loops = sum(
-            ratio**2 * slope(x) * slope(y) * (x + y) ** k for x in s for y in s if x and y
-        )
-        assert Fraction(str(twice[k])) == by_loops
-    assert twice.exact == {(2,): 2}
-    limit = nested(found.limit, found.limit)
-    assert limit.taylor()[(4,)] == 2 * derive("cubic-spline", "laplacian").smoothing_error[0][2]
 
 
 @pytest.mark.parametrize("beta", [2, 4, 6])
