@@ -26,7 +26,8 @@ from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import Laurent, angular, lattice_moments, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import Key, Operator
-from sphtrunc.propagation import mixing, propagate, radial_values, second_order
+from sphtrunc.propagation import mixing, propagate, second_order
+from sphtrunc.stencil import radial_values
 
 if TYPE_CHECKING:
     import numpy as np

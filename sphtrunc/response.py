@@ -18,7 +18,7 @@ carry their derivatives with respect to every displacement instead (`propagation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import pi, prod, sqrt
@@ -29,8 +29,9 @@ import numpy as np
 from sphtrunc.lattice import in_pairs, sites, units
 from sphtrunc.lattice_sums import parts
 from sphtrunc.operators import PAIRED, Key, Operator
-from sphtrunc.propagation import Dual, Stencil, dual_solve, mixing, radial_values, second_order
+from sphtrunc.propagation import mixing, second_order
 from sphtrunc.signals import Signals, Waves
+from sphtrunc.stencil import Dual, Stencil, dual_coefficients, radial_values
 from sphtrunc.summation import UNIT, depth
 
 if TYPE_CHECKING:
@@ -189,15 +190,6 @@ def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
     return np.asarray((signals.difference(s).T + copies * signals.own[:, None]).T)
 
 
-def _coefficients(operator: Operator, means: Mapping[Key, Dual], dim: int) -> list[dict[Key, Dual]]:
-    """c_key of every component, with their slopes."""
-    none = np.zeros_like(next(iter(means.values())).slope) if means else 0.0
-    return [
-        {key: c if isinstance(c, Dual) else Dual(float(c), none) for key, c in part.items()}
-        for part in operator.coefficients(means, dim, dual_solve)
-    ]
-
-
 class _Particles:
     """The particles around a target on a lattice, in units of h."""
 
@@ -314,7 +306,7 @@ class _Particles:
             key: Dual(self.volume * float((g[key] @ weight).sum()), slope)
             for key, slope in zip(needed, slopes, strict=True)
         }
-        rows = _coefficients(operator, means, dim)
+        rows = dual_coefficients(operator, means, dim)
         used = list(dict.fromkeys(key for part in rows for key in part))
         g |= self.terms([key for key in used if key not in g], s)
         seen = _seen(operator, signals, s)
@@ -371,7 +363,7 @@ def _propagated(
 def _slopes(stencil: Stencil, operator: Operator, signals: Signals) -> dict[tuple[int, ...], Array]:
     """∂E/∂u_b, (N, d), of every signal, component and part."""
     needed = [] if operator.uncorrected else operator.needed(stencil.dim, 0)
-    rows = _coefficients(operator, {key: stencil.base_sum(key) for key in needed}, stencil.dim)
+    rows = dual_coefficients(operator, {key: stencil.base_sum(key) for key in needed}, stencil.dim)
     sampled = {key: stencil.sampled(key) for key in dict.fromkeys(k for part in rows for k in part)}
     difference, ahead = signals.difference(stencil.s), signals.gradient(stencil.s)
     symmetric = operator.form == "symmetric"

@@ -19,7 +19,7 @@ from sphtrunc.kernel import SPHERE
 from sphtrunc.lattice_sums import angular, parts
 from sphtrunc.moments import MultiIndex, add, unit
 from sphtrunc.operators import Key, Operator
-from sphtrunc.propagation import radial_values
+from sphtrunc.stencil import radial_values
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
