@@ -25,7 +25,7 @@ from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
 from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import Laurent, angular, lattice_moments, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
-from sphtrunc.operators import Key, Operator
+from sphtrunc.operators import NESTED, Key, Operator
 from sphtrunc.propagation import mixing, propagate, second_order
 from sphtrunc.stencil import radial_values
 
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-SECOND_ORDER = 240  # displacements, up to which second derivatives are taken
+SECOND_ORDER = 240  # displacements, up to which second derivatives are taken; a sixth where every
+# neighbour has a correction of its own
 LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better than two orders in σ
 
 Row = tuple[Any, MultiIndex, str]  # (c, β, f): c s^β f(q), see `sphtrunc.lattice_sums`
@@ -95,7 +96,9 @@ def predict(
     size = (index.shape[1], dim)
     how = "first-order propagation through the lattice"
     closed = operator.uncorrected and volume == "constant" and distribution == "gaussian"
-    few = size[0] * dim <= SECOND_ORDER and not (closed and sigma > LARGE)
+    corrected_twice = operator.form == NESTED and operator.correction != "none"
+    most = SECOND_ORDER // 6 if corrected_twice else SECOND_ORDER
+    few = size[0] * dim <= most and not (closed and sigma > LARGE)
     if few:
         how = "second-order propagation through the lattice"
         excess = -1.2 if distribution == "uniform" else 0.0

@@ -11,7 +11,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.moments import MultiIndex
-from sphtrunc.operators import Operator
+from sphtrunc.operators import NESTED, Operator
+from sphtrunc.second_neighbours import moment_slopes
 from sphtrunc.stencil import Dual, Stencil, dual_solve
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ def propagate(
     """
     import numpy as np
 
+    if operator.form == NESTED:
+        return moment_slopes(kernel, operator, kind, dx_over_h, offset, volume, degree, axis, moved)
     stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
     symmetric = operator.form == "symmetric"
     keys = operator.needed(stencil.dim, degree)

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from math import pi, prod, sqrt
 from typing import TYPE_CHECKING
 
@@ -28,8 +29,9 @@ import numpy as np
 
 from sphtrunc.lattice import in_pairs, sites, units
 from sphtrunc.lattice_sums import parts
-from sphtrunc.operators import PAIRED, Key, Operator
+from sphtrunc.operators import NESTED, PAIRED, Key, Operator
 from sphtrunc.propagation import mixing, second_order
+from sphtrunc.second_neighbours import SecondNeighbours
 from sphtrunc.signals import Signals, Waves
 from sphtrunc.stencil import Dual, Stencil, dual_coefficients, radial_values
 from sphtrunc.summation import UNIT, depth
@@ -108,7 +110,7 @@ def predict_fields(
     kind, dx_over_h, offset: the lattice and where it lies relative to the target, in Δx
     sigma, distribution: of the displacements, σ/Δx along each axis
     volume: "constant", or "cell" (1D) or "summation": displacements to first order, as those of
-        "blue" are (to second order where they are few)
+        "blue" are, and all those of the nested form (to second order where they are few)
     precision: in which the sums are evaluated, as for `measure`
 
     Elsewhere displacements may be of any size, and only the algebra of a correction is taken to
@@ -123,22 +125,31 @@ def predict_fields(
     pairs = not sigma and in_pairs(kind, offset)
     operator.require_pairs(pairs)
     dim = len(offset)
-    particles = _Particles(kernel, kind, dx_over_h, offset, volume)
+    nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
     limit = signals.limit(kernel, operator) - exact
-    value, _, noise = particles.estimate(
-        operator, signals, particles.points[:, None, :], np.ones(1)
-    )
+    if nested:
+        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
+        value, noise = seen.estimate(signals)
+        neighbours = len(seen.near)
+    else:
+        particles = _Particles(kernel, kind, dx_over_h, offset, volume)
+        here = particles.points[:, None, :]
+        value, _, noise = particles.estimate(operator, signals, here, np.ones(1))
+        neighbours = particles.neighbours
     if pairs and isinstance(signals, Waves):  # of odd and even weights at ±s
         value[:, :, 1 - operator.derivatives % 2] = 0.0
-    noise = floor(noise, value, particles.neighbours, precision)
+    noise = floor(noise, value, neighbours, precision)
     still = value - exact
     mean, variance = still, np.zeros_like(still)
     if sigma:
         spread = sigma * float(dx_over_h)
-        if volume != "constant" or distribution == "blue":
+        if nested or volume != "constant" or distribution == "blue":
+            stencil = (
+                partial(SecondNeighbours, kernel, operator) if nested else partial(Stencil, kernel)
+            )
             shift, variance = _propagated(
-                lambda moved: Stencil(kernel, kind, dx_over_h, offset, volume, moved),
+                lambda moved: stencil(kind, dx_over_h, offset, volume, moved),
                 operator, signals, sigma, distribution, kind,
             )  # fmt: skip
             mean = still + shift
@@ -332,7 +343,7 @@ class _Particles:
 
 
 def _propagated(
-    stencil: Callable[[Array | None], Stencil],
+    stencil: Callable[[Array | None], Stencil | SecondNeighbours],
     operator: Operator,
     signals: Signals,
     sigma: float,
@@ -360,8 +371,12 @@ def _propagated(
     return shift, np.maximum(variance, 0.0)
 
 
-def _slopes(stencil: Stencil, operator: Operator, signals: Signals) -> dict[tuple[int, ...], Array]:
+def _slopes(
+    stencil: Stencil | SecondNeighbours, operator: Operator, signals: Signals
+) -> dict[tuple[int, ...], Array]:
     """∂E/∂u_b, (N, d), of every signal, component and part."""
+    if isinstance(stencil, SecondNeighbours):
+        return stencil.slopes(signals)
     needed = [] if operator.uncorrected else operator.needed(stencil.dim, 0)
     rows = dual_coefficients(operator, {key: stencil.base_sum(key) for key in needed}, stencil.dim)
     sampled = {key: stencil.sampled(key) for key in dict.fromkeys(k for part in rows for k in part)}

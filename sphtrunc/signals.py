@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from math import factorial, prod, sqrt
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,7 +18,7 @@ import numpy as np
 from sphtrunc.kernel import SPHERE
 from sphtrunc.lattice_sums import angular, parts
 from sphtrunc.moments import MultiIndex, add, unit
-from sphtrunc.operators import Key, Operator
+from sphtrunc.operators import NESTED, Key, Operator, shifted
 from sphtrunc.stencil import radial_values
 
 if TYPE_CHECKING:
@@ -142,20 +142,33 @@ def _limit(
     moment = _integral(kernel, dim)
     zero = unit(dim, 0, 0)
     means = {key: moment(key) for key in operator.needed(dim, 0)}
-    result = []
+    alphas = list(derivatives)
+    if operator.form == NESTED:
+        alphas = [mu for alpha in derivatives for mu in product(*(range(n + 1) for n in alpha))]
+    rows = []
     for part in operator.coefficients(means, dim):
-        total: Any = 0.0
-        for alpha, derivative in derivatives.items():
-            if alpha == zero and operator.uses_difference:
-                continue
-            value = sum(
+        row = {}
+        for alpha in alphas:
+            row[alpha] = sum(
                 float(c) * moment((term, add(alpha, gamma))) for (term, gamma), c in part.items()
             )
-            if alpha == zero and operator.form == "symmetric":
-                value *= 2.0
-            total = total + derivative / prod(factorial(n) for n in alpha) * value
-        result.append(total)
-    return np.stack(result, axis=1)
+            if alpha == zero and operator.uses_difference:
+                row[alpha] = 0.0
+            elif alpha == zero and operator.form == "symmetric":
+                row[alpha] *= 2.0
+        rows.append(row)
+    if operator.form == NESTED:
+        rows = [
+            {mu: sum(shifted(rows[i], rows[j], mu) for i, j in row) for mu in derivatives}
+            for row in operator.axes(dim)
+        ]
+    return np.stack(
+        [
+            sum(x / prod(factorial(n) for n in mu) * row[mu] for mu, x in derivatives.items())
+            for row in rows
+        ],
+        axis=1,
+    )
 
 
 @cache

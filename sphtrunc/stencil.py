@@ -99,6 +99,50 @@ def dual_solve(
     ]
 
 
+class Terms:
+    """The terms of base sums at offsets s, (N, d), from a target; itself: (N,) where it is."""
+
+    def __init__(self, kernel: Kernel | Gaussian, s: Array, itself: NDArray[np.bool_]) -> None:
+        import numpy as np
+
+        self.kernel, self.s, self.itself = kernel, s, itself
+        self.q = np.sqrt((s * s).sum(axis=1))
+        self._radial: dict[tuple[str, int], Array] = {}
+
+    def _radial_at(self, name: str, order: int) -> Array:
+        import numpy as np
+
+        if (name, order) not in self._radial:
+            dim = self.s.shape[1]
+            value = np.zeros_like(self.q)
+            away = ~self.itself
+            value[away] = radial_values(self.kernel, name, self.q[away], dim, order)
+            if self.itself.any() and order == 0 and name in ("w", "w1"):
+                value[self.itself] = origin_value(self.kernel, name, dim)
+            self._radial[name, order] = value
+        return self._radial[name, order]
+
+    def sampled(self, key: Key) -> tuple[Array, Array]:
+        """g and ∇g of the term of a base sum, (N,) and (N, d)."""
+        import numpy as np
+
+        s = self.s
+        g, slope = np.zeros_like(self.q), np.zeros_like(s)
+        for c, beta, name in parts(key):
+            f, df = self._radial_at(name, 0), self._radial_at(name, 1)
+            monomial = np.prod(s ** np.array(beta), axis=1)
+            value = c * monomial * f
+            if isinstance(key[0], str):
+                value[self.itself] = 0.0
+            g += value
+            for i, n in enumerate(beta):
+                slope[:, i] += c * monomial * df * s[:, i]
+                if n:
+                    lowered = tuple(m - (j == i) for j, m in enumerate(beta))
+                    slope[:, i] += c * n * np.prod(s ** np.array(lowered), axis=1) * f
+        return g, slope
+
+
 class Stencil:
     """The neighbours of one target on a lattice, with what their displacements change.
 
@@ -131,41 +175,12 @@ class Stencil:
             if self.target >= 0:
                 s -= s[self.target].copy()
         self.s = s
-        self.q = np.sqrt((s * s).sum(axis=1))
         self.volumes, self.variation = volumes_of(kernel, s, self.ratio, self.dim, volume)
-        self._radial: dict[tuple[str, int], Array] = {}
-
-    def _radial_at(self, name: str, order: int) -> Array:
-        import numpy as np
-
-        if (name, order) not in self._radial:
-            value = np.zeros_like(self.q)
-            away = np.arange(len(self.q)) != self.target
-            value[away] = radial_values(self.kernel, name, self.q[away], self.dim, order)
-            if self.target >= 0 and order == 0 and name in ("w", "w1"):
-                value[self.target] = origin_value(self.kernel, name, self.dim)
-            self._radial[name, order] = value
-        return self._radial[name, order]
+        self._terms = Terms(kernel, s, np.arange(len(s)) == self.target)
 
     def sampled(self, key: Key) -> tuple[Array, Array]:
         """g_b and ∇g_b of the term of a base sum, (N,) and (N, d)."""
-        import numpy as np
-
-        s = self.s
-        g, slope = np.zeros_like(self.q), np.zeros_like(s)
-        for c, beta, name in parts(key):
-            f, df = self._radial_at(name, 0), self._radial_at(name, 1)
-            monomial = np.prod(s ** np.array(beta), axis=1)
-            value = c * monomial * f
-            if isinstance(key[0], str) and self.target >= 0:
-                value[self.target] = 0.0
-            g += value
-            for i in range(self.dim):
-                slope[:, i] += c * monomial * df * s[:, i]
-                if beta[i]:
-                    lowered = tuple(n - (j == i) for j, n in enumerate(beta))
-                    slope[:, i] += c * beta[i] * np.prod(s ** np.array(lowered), axis=1) * f
-        return g, slope
+        return self._terms.sampled(key)
 
     def total(self, g: Array, slope: Array, power: int = 1) -> Dual:
         """Σ_b V_b g_b and its derivatives with respect to displacements in Δx.
@@ -220,9 +235,10 @@ def origin_value(kernel: Kernel | Gaussian, name: str, dim: int) -> float:
 
 
 def volumes_of(
-    kernel: Kernel | Gaussian, s: Array, ratio: float, dim: int, rule: str
+    kernel: Kernel | Gaussian, s: Array, ratio: float, dim: int, rule: str, reach: int = 1
 ) -> tuple[Array, Callable[[Array], Array] | None]:
-    """V_b, and how Σ_b g_b δV_b depends on the displacements, as a function of g."""
+    """V_b within so many supports, and how Σ_b g_b δV_b depends on the displacements, as a function
+    of g."""
     import numpy as np
 
     volumes = np.full(len(s), ratio**dim)
@@ -240,7 +256,7 @@ def volumes_of(
         return volumes, cells
     if rule == "summation":
         support = float(kernel.support)
-        inner = (s * s).sum(axis=1) <= (support * (1 + 1e-9)) ** 2
+        inner = (s * s).sum(axis=1) <= (reach * support * (1 + 1e-9)) ** 2
         pair = s[None, :, :] - s[inner][:, None, :]  # (b, c): s_c − s_b
         q = np.sqrt((pair * pair).sum(axis=2))
         near = (q > 0) & (q <= support)
