@@ -82,7 +82,10 @@ class Journal:
         try:
             return open(self.path, "r+b" if self.path.exists() else "x+b", buffering=0)
         except OSError as error:
-            raise self._failed(error) from None
+            raise ValueError(
+                f"journal {self.path}: {error.strerror or error}; expected an output in a folder"
+                " that exists and may be written to"
+            ) from None
 
     def _write(self, entry: dict[str, Any]) -> None:
         data = (json.dumps(entry, ensure_ascii=False) + "\n").encode()

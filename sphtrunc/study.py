@@ -83,6 +83,10 @@ class Study:
                 raise ValueError(f"{name}: a value occurs twice in {', '.join(values)[:80]}")
         if (self.rtol is None) == (self.targets is None):
             raise ValueError("sweep: expected either rtol or a number of targets")
+        if self.rtol is not None and not 1e-6 <= self.rtol < 1:
+            raise ValueError(f"rtol: got {self.rtol:g}, expected a number from 1e-6 to below 1")
+        if self.targets is not None and self.targets < 1:
+            raise ValueError(f"targets: got {self.targets}, expected at least 1")
         for one in resolved["kernel"]:
             parse_kernel(one)
         for combination in product(*(resolved[n] for n in ("operator", "form", "correction"))):
@@ -199,7 +203,9 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
     """The scene that the texts of one group describe."""
     from sphtrunc.scene import MOST_INDICES, jittered, lattice
 
-    dim = int(given["dim"]) if given["dim"] in ("1", "2", "3") else 0
+    if given["dim"] not in ("1", "2", "3"):
+        raise ValueError(f"dim: got {given['dim'][:20]!r}, expected 1, 2 or 3")
+    dim = int(given["dim"])
     extent = MOST_INDICES if dim == 1 else 1000
     offset = given["offset"].split() if " " in given["offset"] else given["offset"]
     made = lattice(
@@ -218,6 +224,23 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
 def _number(text: str) -> Any:
     """A number as it is written: exact where it is a fraction or a decimal, else a float."""
     return float(text) if "e" in text.lower() else text
+
+
+def check(groups: Sequence[Group]) -> None:
+    """Nothing is begun that cannot be finished: every scene and every wave can be made.
+
+    Raises ValueError for the first that cannot.
+    """
+    from sphtrunc.fields import sinusoid
+
+    for group in groups:
+        scene = scene_of(group["scene"], group["seed"])
+        kernel = parse_kernel(group["scene"]["kernel"])
+        home = getattr(scene, "lattice", scene)
+        if float(home.dx_over_h) > 0.5 * float(kernel.support):
+            home.rows(kernel)  # there may be no neighbour
+    for text in groups[0]["h-over-lambda"]:
+        sinusoid(_number(text))
 
 
 def run_group(group: Group) -> list[Row]:
@@ -318,6 +341,7 @@ def sweep(
     if path is not None and path.suffix == ".nc":
         _xarray()
     groups = study.groups()
+    check(groups)
     journal = (
         None if path is None else Journal(path.with_name(path.name + ".journal"), study.settings())
     )

@@ -20,6 +20,7 @@ import pytest
 from sphtrunc.cli import main
 from sphtrunc.experiment import measure
 from sphtrunc.fields import sinusoid
+from sphtrunc.scene import Jittered
 from sphtrunc.study import AXES, COLUMNS, Study, operator_of, scene_of, sweep, to_csv, values
 
 SMALL = Study(
@@ -263,37 +264,44 @@ def test_dask_without_distributed_is_told(capsys, monkeypatch):
     assert "pip install distributed" in capsys.readouterr().err
 
 
+def until_true(what, process, seconds=120.0):
+    """Wait for it, as long as the process runs."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and process.poll() is None and not what():
+        time.sleep(0.02)
+    assert what()
+
+
 def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path):
-    """Two worker processes of Dask on this machine, one of them killed in the middle."""
-    distributed = pytest.importorskip(
-        "distributed", reason="--dask is tested where it is installed"
-    )
+    """A scheduler of Dask and two worker processes on this machine, one killed in the middle."""
+    pytest.importorskip("distributed", reason="--dask is tested where it is installed")
     command = [*COMMAND, "--dim", "2", "--targets", "800"]
     whole, path = tmp_path / "whole.csv", tmp_path / "table.csv"
     subprocess.run([*command, "-o", str(whole)], check=True, capture_output=True)
-    with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        local_directory=str(tmp_path / "scratch"),
-    ) as cluster:
-        victim = next(iter(cluster.workers.values())).pid
-        process = subprocess.Popen(
-            [*command, "--dask", cluster.scheduler_address, "-o", str(path)],
-            stderr=subprocess.PIPE,
-            text=True,
+    file, journal = tmp_path / "scheduler.json", tmp_path / "table.csv.journal"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    program = [sys.executable, "-m", "distributed.cli.dask_{}", "--scheduler-file", str(file)]
+    local = ["--host", "127.0.0.1", "--no-dashboard"]
+    worker = [*program, *local, "--no-nanny", "--nthreads", "1"]
+    starts = [[*program, *local, "--port", "0"], worker, worker]
+    made = []
+    try:
+        for role, start in zip(("scheduler", "worker", "worker"), starts, strict=True):
+            made.append(subprocess.Popen([part.format(role) for part in start], **quiet))
+        until_true(file.exists, made[0])
+        address = json.loads(file.read_text())["address"]
+        run = subprocess.Popen(
+            [*command, "--dask", address, "-o", str(path)], stderr=subprocess.PIPE, text=True
         )
-        journal = tmp_path / "table.csv.journal"
-        until = time.monotonic() + 60
-        while time.monotonic() < until and not (
-            journal.exists() and journal.read_bytes().count(b"\n") > 3
-        ):
-            time.sleep(0.01)
-        os.kill(victim, signal.SIGKILL)
+        until_true(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 3, run)
+        made[1].kill()
         kept = journal.read_bytes().count(b"\n")
-        _, said = process.communicate(timeout=120)
-    assert process.returncode == 0, said
+        _, said = run.communicate(timeout=120)
+    finally:
+        for process in made:
+            process.kill()
+            process.wait()
+    assert run.returncode == 0, said
     assert 3 < kept < 25  # the head and 24 groups: it was in the middle
     assert path.read_bytes() == whole.read_bytes()
 
@@ -312,8 +320,6 @@ def test_predictions_stand_beside_and_agree():
         spread = (row["rms_high"] - row["rms_low"]) / 2
         assert abs(row["rms"] - row["predicted"]) <= max(0.05 * row["rms"], 1.5 * spread)
         assert (row["disorder"] > 0) == (row["jitter"] != "0")
-    (alone,) = sweep(Study(axes={"volume": ("summation",), "jitter": ("0.1",)}, rtol=0.3))
-    assert alone["predicted"] is None  # there is no theory for these volumes here
 
 
 def test_lists_and_ranges():
@@ -357,8 +363,62 @@ def test_studies_that_cannot_be(axes, says):
 def test_outputs_that_cannot_be(tmp_path):
     with pytest.raises(ValueError, match=r"\.csv, \.jsonl, \.nc"):
         sweep(SMALL, tmp_path / "table.xlsx")
-    with pytest.raises(ValueError, match="journal"):
+    with pytest.raises(ValueError, match=r"journal .*expected an output in a folder that exists"):
         sweep(SMALL, tmp_path / "no" / "table.csv")
+
+
+@pytest.mark.parametrize(
+    ("axes", "says"),
+    [
+        ({"dx-over-h": ("0.2", "3")}, "no neighbour"),
+        ({"jitter": ("0", "-1")}, "jitter: got -1"),
+        ({"dim": ("1", "4")}, "dim: got '4'"),
+        ({"lattice": ("uniform", "bcc")}, "lattice: got 'bcc'"),
+        ({"distribution": ("gaussian", "green"), "jitter": ("0.1",)}, "distribution: got 'green'"),
+        ({"h-over-lambda": ("0.1", "0")}, "h_over_lambda: got 0"),
+    ],
+)
+def test_nothing_is_begun_that_cannot_be_finished(tmp_path, axes, says):
+    with pytest.raises(ValueError, match=says):
+        sweep(Study(axes=axes), tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("much", [{"rtol": 0.0}, {"rtol": 1.0}, {"rtol": None, "targets": 0}])
+def test_measures_of_how_much_that_cannot_be(much):
+    with pytest.raises(ValueError, match=r"^(rtol|targets): got"):
+        Study(**much)
+
+
+def test_points_share_one_look_at_their_particles(monkeypatch):
+    """25 wavelengths and three operators look at as many targets as one point does; independent
+    measurements look at 75 times as many."""
+    looked = []
+    whole = Jittered.neighbourhood
+
+    def counted(self, target, kernel, *more, **named):
+        looked.append(len(target))
+        return whole(self, target, kernel, *more, **named)
+
+    monkeypatch.setattr(Jittered, "neighbourhood", counted)
+    study = Study(
+        axes={
+            "dim": ("3",),
+            "dx-over-h": ("0.7",),
+            "jitter": ("0.1",),
+            "operator": ("gradient", "gradient/difference", "gradient/difference/csph"),
+            "h-over-lambda": values("1e-3:0.5:25log", numeric=True),
+        },
+        rtol=None,
+        targets=100,
+        predict=False,
+    )
+    rows = sweep(study)
+    assert len(rows) == 75
+    assert sum(looked) == 100
+    looked.clear()
+    measure(scene_of({n: str(rows[0][n]) for n in AXES}, 0), rows[0]["kernel"], targets=100)
+    assert sum(looked) == 100
 
 
 def test_three_dimensions_lattices_and_volumes():

@@ -17,7 +17,7 @@ _HELP = {
     "dim": "Dimension.",
     "lattice": "uniform; square, hexagonal; cubic, bcc, fcc, hcp.",
     "dx-over-h": "Particle spacing over smoothing length.",
-    "offset": "Position of the lattice relative to the target, in Δx.",
+    "offset": "Position of the lattice relative to the target, in Δx; 'x y z' in space.",
     "jitter": "Random displacement σ/Δx.",
     "distribution": "gaussian, uniform or blue.",
     "volume": "constant, cell or summation.",
