@@ -10,7 +10,7 @@ import numpy as np
 
 from sphtrunc import summation as sm
 from sphtrunc.arithmetic import Health, Scaled, jumps_anywhere, stacked, unstacked
-from sphtrunc.operators import eliminate
+from sphtrunc.elimination import eliminate
 from sphtrunc.summation import Array
 
 if TYPE_CHECKING:

@@ -27,6 +27,7 @@ from sphtrunc.measurement import Block, Measurement, gathered, relative_width, s
 from sphtrunc.nested import CELLS as CELLS
 from sphtrunc.operators import NESTED, PAIRED, Operator
 from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.particles import Particles
 from sphtrunc.scene import Indices, Jittered, Lattice, Neighbourhood, Scene, paired, sample
 from sphtrunc.summation import Array
 from sphtrunc.sums import estimate, exact_derivatives
@@ -65,26 +66,16 @@ class Task:
         if not self.bound:
             return self._evaluate(target, arithmetic(self.precision))
         bounded = self._evaluate(target, Bounded(arithmetic(self.precision)))
-        if self.scene.volume == "summation" or not getattr(self.scene, "one_h", True):
-            return bounded
         return _nearer(bounded, self._evaluate(target, Extended()))
 
     def _evaluate(self, target: Indices, number: Any) -> Block:
         extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
-        if extended and self.scene.volume == "summation":
-            raise ValueError("precision: extended needs volumes that are not summed")
         block = self.scene.neighbourhood(target, self.kernel, extended=extended, errors=errors)
-        if errors and (block.offset_error is None or block.volume_error is None):
-            raise ValueError("bound: summation volumes carry no bound; expected constant or cell")
-        s = [
-            number.number(x, _axis(block.offset_low, i), _axis(block.offset_error, i))
-            for i, x in enumerate(block.offset)
-        ]
-        volume = number.number(block.volume, block.volume_low, block.volume_error)
+        s, volume, stretch = block.offsets(number), block.volumes(number), block.stretches(number)
         owns = [one.own(target, self.seed, i) for i, one in enumerate(self.fields)]
         if isinstance(self.scene, Lattice) and _is_wave(self.fields):
             owns = [(np.array([0.0, 1.0]), np.array([1.0, 0.0]))] * len(self.fields)
-        return self._sum(number, block, s, volume, owns, target)
+        return self._sum(number, block, s, volume, stretch, owns, target)
 
     def _sum(
         self,
@@ -92,6 +83,7 @@ class Task:
         block: Neighbourhood,
         s: list[Any],
         volume: Any,
+        stretch: Any,
         owns: list[Any],
         target: Indices,
     ) -> Block:
@@ -113,7 +105,7 @@ class Task:
                 self.degree,
                 samples,
                 health,
-                block.stretch,
+                stretch,
                 self._density(number, block, volume),
             )
         truth = exact_derivatives(self.operator, samples, len(s)) if samples else None
@@ -146,27 +138,25 @@ class Task:
             block.volume.shape == (1, 1) and block.particle is None
         ):
             return None
-        if block.particle is None:
-            here = np.all(block.offset == 0.0, axis=0)
-        else:
-            here = block.particle == block.target
+        particle = block.particle
+        at_target = np.all(block.offset == 0.0, axis=0)
+        here = at_target if particle is None else particle == block.target
+        # where there is padding the volume is 0: any finite density does
+        empty = np.broadcast_to(block.volume == 0.0, here.shape)
+        if np.ndim(volume) == 1:  # exact numbers, of one target
+            here, empty = here[:, 0], empty[:, 0]
+            particle = None if particle is None else particle[:, 0]
         if not np.all(here.any(axis=0)):
             raise ValueError("form: symmetric needs targets that are particles; expected offset 0")
         here &= np.cumsum(here, axis=0) == 1
-        wide = np.broadcast_to(np.ones(1), here.shape)
+        wide = np.ones(here.shape)
         own = number.total(number.drop(volume * number.number(wide), ~here))
-        mass = getattr(self.scene, "mass", None)
         density = number.ratio(volume * number.number(wide), own)
-        if mass is not None and block.particle is not None:
-            ratio = mass[block.target] / mass[np.maximum(block.particle, 0)]
-            density = density * number.number(ratio)
-        # where there is padding the volume is 0: any finite density does
-        empty = np.broadcast_to(block.volume == 0.0, here.shape)
+        mass = getattr(self.scene, "mass", None)
+        if mass is not None and particle is not None:
+            theirs = number.number(mass[np.maximum(particle, 0)])
+            density = density * number.ratio(number.number(mass[block.target] * wide), theirs)
         return number.drop(density, empty) + number.number(empty.astype(np.float64))
-
-
-def _axis(values: Array | None, i: int) -> Array | None:
-    return None if values is None else values[i]
 
 
 def _is_wave(fields: tuple[Field, ...]) -> bool:
@@ -221,19 +211,24 @@ def _exactly(task: Task, target: Indices) -> Block:
                     " neighbours; expected at most 10000"
                 )
             s = [number.number(x) for x in offset]
+            particle = stretch = None
+            if isinstance(task.scene, Particles):
+                particle, stretch = task.scene.exact_pairs(int(one), task.kernel)
             seen = Neighbourhood(
                 offset=offset.astype(np.float64)[:, :, None],
                 volume=volume.astype(np.float64)[:, None],
                 target=np.array([one]),
+                particle=None if particle is None else particle[:, None],
+                stretch=None if stretch is None else stretch.astype(np.float64)[:, None],
             )
+            stretch = None if stretch is None else number.number(stretch)
             owns = [f.own(np.array([one]), task.seed, i) for i, f in enumerate(task.fields)]
             waves = isinstance(task.scene, Lattice) and _is_wave(task.fields)
             rounds = [(0.0, 1.0), (1.0, 0.0)] if waves else [None]
             for phase in rounds:
                 mine = [phase or (None if own is None else (own[0][0], own[1][0])) for own in owns]
-                blocks.append(
-                    task._sum(number, seen, s, number.number(volume), mine, np.array([one]))
-                )
+                v = number.number(volume)
+                blocks.append(task._sum(number, seen, s, v, stretch, mine, np.array([one])))
     return _joined(blocks, np.asarray(target))
 
 

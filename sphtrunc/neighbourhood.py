@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.summation import UNIT, Array, dd_add, dd_neg, total
+from sphtrunc.arithmetic import Plain
+from sphtrunc.bounded import Bounded
+from sphtrunc.digits import Extended
+from sphtrunc.summation import UNIT, Array, dd_add, dd_neg
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
 
 Indices: TypeAlias = NDArray[np.int64]
+Triple: TypeAlias = tuple[Any, Any, Any]  # values, low parts or None, bounds of errors or None
 
 EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
 
@@ -29,8 +33,9 @@ class Neighbourhood:
     particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
     stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
     h: smoothing length of the target, (T,) or 1
-    offset_low, volume_low: what is to be added in double-double work, else None
-    offset_error, volume_error: bounds of the rounding errors, broadcast likewise, if asked for
+    offset_low, volume_low, stretch_low: what is to be added in double-double work, else None
+    offset_error, volume_error, stretch_error: bounds of the rounding errors, broadcast likewise, if
+        asked for
     """
 
     offset: Array
@@ -41,8 +46,27 @@ class Neighbourhood:
     h: Array | float = 1.0
     offset_low: Array | None = None
     volume_low: Array | None = None
+    stretch_low: Array | None = None
     offset_error: Array | None = None
     volume_error: Array | None = None
+    stretch_error: Array | None = None
+
+    def offsets(self, number: Any) -> list[Any]:
+        """Along each axis, in an arithmetic."""
+        none: list[None] = [None] * len(self.offset)
+        low = none if self.offset_low is None else self.offset_low
+        error = none if self.offset_error is None else self.offset_error
+        return [number.number(*one) for one in zip(self.offset, low, error, strict=True)]
+
+    def volumes(self, number: Any) -> Any:
+        """In an arithmetic."""
+        return number.number(self.volume, self.volume_low, self.volume_error)
+
+    def stretches(self, number: Any) -> Any:
+        """In an arithmetic; None where there are none."""
+        if self.stretch is None:
+            return None
+        return number.number(self.stretch, self.stretch_low, self.stretch_error)
 
 
 def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:
@@ -99,8 +123,12 @@ def assemble(
     if volume_rule == "summation":
         wide = distance <= ((reach + 1) * support * EDGE) ** 2
         around = compact(wide, arrays, far + 3.0 * support)
-        volume = summed(packed, np.stack([around[f"s{i}"] for i in range(dim)]), kernel)
-        volume_low, volume_error = np.zeros((1, 1)), None
+        here, there = (
+            [(a[f"s{i}"], a.get(f"low{i}"), a.get(f"e{i}")) for i in range(dim)]
+            for a in (kept, around)
+        )
+        volume, rest = summed(arithmetic_for(bool(low), bool(error)), here, there, kernel)
+        volume_low, volume_error = rest, rest
     return Neighbourhood(
         offset=packed,
         volume=volume,
@@ -131,21 +159,30 @@ def cells(arrays: dict[str, Array]) -> dict[str, Array]:
     return result
 
 
-def summed(offset: Array, around: Array, kernel: Kernel) -> Array:
-    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses.
+def summed(
+    number: Any, offset: list[Triple], around: list[Triple], kernel: Kernel
+) -> tuple[Array, Array]:
+    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses, and what the
+    arithmetic holds beside them, (N, T).
 
-    offset: (d, N, T) of the particles b; around: (d, M, T) of every particle within reach of them.
+    offset: along each axis, of the particles b, (N, T); around: of every particle within reach of
+    them, (M, T); values, low parts and bounds of errors
     """
-    dim, rows, targets = offset.shape
-    volume = np.empty((rows, targets))
-    for b in range(rows):
-        distance = np.zeros(around.shape[1:])
-        for axis in range(dim):
-            d = around[axis] - offset[axis, b]
-            distance += d * d
-        density = total(np.asarray(kernel.w(np.sqrt(distance), dim), dtype=np.float64))
-        volume[b] = np.where(density > 0, 1.0 / np.where(density > 0, density, 1.0), 0.0)
-    return volume
+    volume, rest = np.empty((2, *offset[0][0].shape))
+    others = [number.number(*one) for one in around]
+    for b in range(len(volume)):
+        here = [number.number(*(x if x is None else x[b] for x in one)) for one in offset]
+        s = [c - a for c, a in zip(others, here, strict=True)]
+        density = number.total(number.kernel(kernel, number.length(s), 0, len(s)))
+        own = number.ratio(number.number(np.ones(1)), density)
+        own = number.drop(own, number.value(density) <= 0.0)
+        volume[b], rest[b] = number.value(own), number.rest(own)
+    return volume, rest
+
+
+def arithmetic_for(extended: bool, errors: bool) -> Any:
+    """In which volumes are summed."""
+    return Extended() if extended else Bounded(Plain()) if errors else Plain()
 
 
 def fractions(values: Array) -> NDArray[Any]:

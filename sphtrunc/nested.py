@@ -40,14 +40,15 @@ class View:
 
     rows: which of the N; s: offsets from them along each axis, (M, R, T), in units of their own h,
     and volume, V/h^d: or shapes that broadcast to it
-    stretch: as in `Neighbourhood`; pair: which particles (c, b), (M, R, T) and (R, T), if explicit
+    stretch: as in `Neighbourhood`, a number
+    pair: which particles (c, b), (M, R, T) and (R, T), if explicit
     scale: h_b/h_a and its inverse, numbers (R, T), where the smoothing lengths differ, else None
     """
 
     rows: slice
     s: list[Any]
     volume: Any
-    stretch: Array | None = None
+    stretch: Any = None
     pair: tuple[Indices, Indices] | None = None
     scale: tuple[Any, Any] | None = None
 
@@ -86,7 +87,8 @@ def estimate(
     def applied(weights: Weights, part: Any, factor: Any) -> Any:
         return sum(x * weights.total(key, factor) for key, x in part.items())
 
-    here = Weights(number, s, volume, kernel, gradient, block.stretch)
+    stretched = block.stretches(number)
+    here = Weights(number, s, volume, kernel, gradient, stretched)
     outer, own_moments = slopes(here, health)
     own = []
     for one, drawn in zip(fields, owns, strict=True):
@@ -98,7 +100,7 @@ def estimate(
         rows = view.rows
         near = [x[rows] for x in s]
         shared = np.shape(block.volume)[0] == 1
-        stretch = None if block.stretch is None else block.stretch[rows]
+        stretch = None if stretched is None else stretched[rows]
         at = Weights(number, near, volume if shared else volume[rows], kernel, gradient, stretch)
         well = Health()
         there = Weights(number, view.s, view.volume, kernel, gradient, view.stretch)
@@ -163,24 +165,12 @@ def views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood) -> It
         around = home.neighbourhood(np.zeros(1, dtype=np.int64), kernel, **wants)
         around = _shaped(around, (1, 1))
         for part in steps:
-            yield View(rows=part, s=_offsets(number, around), volume=_volume(number, around))
+            yield View(rows=part, s=around.offsets(number), volume=around.volumes(number))
     else:
         wide = scene.neighbourhood(block.target, kernel, **wants, reach=2)
         for part in steps:
             seen = _seen_from(block, wide, part, float(kernel.support))
-            yield View(rows=part, s=_offsets(number, seen), volume=_volume(number, seen))
-
-
-def _offsets(number: Any, block: Neighbourhood) -> list[Any]:
-    low, error = block.offset_low, block.offset_error
-    return [
-        number.number(x, None if low is None else low[i], None if error is None else error[i])
-        for i, x in enumerate(block.offset)
-    ]
-
-
-def _volume(number: Any, block: Neighbourhood) -> Any:
-    return number.number(block.volume, block.volume_low, block.volume_error)
+            yield View(rows=part, s=seen.offsets(number), volume=seen.volumes(number))
 
 
 def _shaped(block: Neighbourhood, shape: tuple[int, ...]) -> Neighbourhood:
@@ -202,6 +192,8 @@ def _shaped(block: Neighbourhood, shape: tuple[int, ...]) -> Neighbourhood:
         volume_low=shaped(block.volume_low, 2),
         offset_error=shaped(block.offset_error, 3),
         volume_error=shaped(block.volume_error, 2),
+        stretch_low=shaped(block.stretch_low, 2),
+        stretch_error=shaped(block.stretch_error, 2),
     )
 
 
@@ -274,9 +266,9 @@ def _of_particles(
         scale = (_quotient(number, there, here), _quotient(number, here, there))
     return View(
         rows=rows,
-        s=_offsets(number, seen),
-        volume=_volume(number, seen),
-        stretch=seen.stretch,
+        s=seen.offsets(number),
+        volume=seen.volumes(number),
+        stretch=seen.stretches(number),
         pair=(seen.particle, b),
         scale=scale,
     )

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import csv
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.neighbourhood import EDGE, Indices, Neighbourhood, fraction, fractions
-from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, total, two_product, two_sum
+from sphtrunc.neighbourhood import EDGE, Indices, Neighbourhood, arithmetic_for, fraction, fractions
+from sphtrunc.summation import TINY, UNIT, Array, dd, dd_add, dd_div, two_product, two_sum
 
 if TYPE_CHECKING:
     from sphtrunc.kernel import Kernel
@@ -116,6 +116,40 @@ class Particles:
         self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), in the order of the particles."""
+        block = self._around(target, kernel, extended, errors)
+        particle, h = block.particle, self.h[target]
+        assert particle is not None
+        v_low = np.zeros(particle.shape)
+        if self.given is not None:
+            v = self.given[particle]
+        elif self.volume == "cell":
+            v = self._cells()[particle]
+        else:
+            volume, more = self._summed(kernel, extended, errors)
+            v, v_low = volume[particle], more[particle]
+        v, v_low = (np.where(particle < 0, 0.0, x) for x in (v, v_low))
+        v_error = v_low
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(self.dim):
+                if extended:
+                    v, v_low = dd_div((v, v_low), dd(np.broadcast_to(h, v.shape)))
+                else:
+                    v, v_error = v / h, v_error / h
+        if not np.all(v < 1e100):
+            raise ValueError(
+                f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
+            )
+        return replace(
+            block,
+            volume=v,
+            volume_low=v_low if extended else None,
+            volume_error=(v_error + (self.dim + 3) * UNIT * v) * EDGE if errors else None,
+        )
+
+    def _around(
+        self, target: Indices, kernel: Kernel, extended: bool, errors: bool
+    ) -> Neighbourhood:
+        """The neighbours without their volumes."""
         lists = self._neighbours(target, kernel)
         counts = np.array([len(one) for one in lists], dtype=np.int64)
         flat = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(counts.sum()))
@@ -137,45 +171,26 @@ class Particles:
             hi[absent] = far if axis == 0 else 0.0
             offset.append(hi)
         s = np.stack(offset)
-        stretch = None
+        stretch: Array | None = None
+        stretch_low: Array | None = None
         if not self.one_h:
             h_b = self.h[particle]
-            stretch = h / (h_b if self.mode == "scatter" else 0.5 * (h + h_b))
-        if self.given is not None:
-            v = self.given[particle]
-        elif self.volume == "cell":
-            v = self._cells()[particle]
-        else:
-            v = self._summed(kernel)[particle]
-        v = np.where(absent, 0.0, v)
-        v_low = np.zeros_like(v)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for _ in range(self.dim):
-                if extended:
-                    v, v_low = dd_div((v, v_low), dd(np.broadcast_to(h, v.shape)))
-                else:
-                    v = v / h
-        if not np.all(v < 1e100):
-            raise ValueError(
-                f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
-            )
-        if extended and (stretch is not None or self.volume == "summation"):
-            raise ValueError(
-                "precision: extended needs mode gather or one h, and volumes that are not summed"
-            )
+            both = dd(h_b) if self.mode == "scatter" else two_sum(0.5 * h, 0.5 * h_b)
+            stretch = h / both[0]
+            if extended:
+                stretch, stretch_low = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
+        rounded = (2.0 + 1e-9) * UNIT  # a difference or a sum, and a quotient
         return Neighbourhood(
             offset=s,
-            volume=v,
+            volume=np.zeros((1, 1)),
             target=target,
             particle=particle,
             stretch=stretch,
             h=h,
             offset_low=np.stack(low) if extended else None,
-            volume_low=v_low if extended else None,
-            offset_error=(2.0 + 1e-9) * UNIT * np.abs(s) if errors else None,
-            volume_error=(self.dim + 3) * UNIT * v
-            if errors and self.volume != "summation"
-            else None,
+            stretch_low=stretch_low,
+            offset_error=rounded * np.abs(s) if errors else None,
+            stretch_error=rounded * stretch if errors and stretch is not None else None,
         )
 
     def _cells(self) -> Array:
@@ -197,51 +212,68 @@ class Particles:
             self._trees["cells"] = volume
         return np.asarray(self._trees["cells"])
 
-    def _summed(self, kernel: Kernel) -> Array:
-        """m_b/ρ_b, ρ_b = Σ_c m_c W(x_c − x_b, h_bc): for all particles, once for a kernel."""
-        if self._trees.get("kernel") != kernel:
-            volume = np.empty(self.population)
-            support = float(kernel.support)
-            for first in range(0, self.population, 1024):
-                target = np.arange(first, min(first + 1024, self.population), dtype=np.int64)
-                lists = self._neighbours(target, kernel)
-                for a, one in zip(target, lists, strict=True):
-                    b = np.array(one, dtype=np.int64)
-                    distance = np.zeros(b.size)
-                    for axis in range(self.dim):
-                        d, _ = self._difference(b, np.array([a]), axis)
-                        distance += d * d
-                    h = self.h[b] if self.mode == "scatter" else self.h[a]
-                    h = 0.5 * (self.h[b] + h) if self.mode == "mean" else h
-                    q = np.minimum(np.sqrt(distance) / h, 2.0 * support)
-                    terms = self.mass[b] * np.asarray(kernel.w(q, self.dim)) / h**self.dim
-                    density = float(total(terms))
-                    if not density > 0:
-                        raise ValueError(
-                            f"volume: particle {int(a)} has a summed density of {density:g}, so no"
-                            " volume m/ρ; expected a kernel that is positive at the origin"
-                        )
-                    volume[a] = self.mass[a] / density
-            self._trees["kernel"], self._trees["summed"] = kernel, volume
-        return np.asarray(self._trees["summed"])
+    def _summed(
+        self, kernel: Kernel, extended: bool = False, errors: bool = False
+    ) -> tuple[Array, Array]:
+        """m_a/ρ_a, ρ_a = Σ_b m_b W(x_b − x_a, h_ab), and what the arithmetic holds beside it, (n,):
+        for all particles, once for a kernel."""
+        name = f"summed {extended} {errors}"
+        if self._trees.get(f"{name} for") != kernel:
+            number = arithmetic_for(extended, errors)
+            volume, rest = np.empty((2, self.population))
+            for first in range(0, self.population, 256):
+                target = np.arange(first, min(first + 256, self.population), dtype=np.int64)
+                block = self._around(target, kernel, extended, errors)
+                assert block.particle is not None
+                mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
+                q, stretch = number.length(block.offsets(number)), block.stretches(number)
+                terms = number.kernel(kernel, q if stretch is None else q * stretch, 0, self.dim)
+                terms = terms * number.number(mass)
+                for _ in range(0 if stretch is None else self.dim):
+                    terms = terms * stretch
+                density = number.total(terms)  # h_a^d ρ_a
+                size = number.value(density)
+                if not np.all(size > 0):
+                    a = int(np.argmin(size > 0))
+                    raise ValueError(
+                        f"volume: particle {first + a} has a summed density of {size[a]:g}, so no"
+                        " volume m/ρ; expected a kernel that is positive at the origin"
+                    )
+                own = number.ratio(number.number(self.mass[target]), density)
+                for _ in range(self.dim):
+                    own = own * number.number(self.h[target])
+                volume[target], rest[target] = number.value(own), number.rest(own)
+            self._trees[f"{name} for"], self._trees[name] = kernel, (volume, rest)
+        volume, rest = self._trees[name]
+        return volume, rest
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions; the arrays given
         are the floats that they are."""
-        if not self.one_h:
-            raise ValueError("precision: exact needs mode gather, or one h for all particles")
+        return self._exactly(target, kernel, reach)[:2]
+
+    def exact_pairs(self, target: int, kernel: Kernel) -> tuple[Indices, Any]:
+        """Which particles these are, (N,), and h_a/h_ab of them, (N,), None where it is 1."""
+        _, _, stretch, near = self._exactly(target, kernel, 1)
+        return near, None if self.one_h else stretch
+
+    def _exactly(self, target: int, kernel: Kernel, reach: int) -> tuple[Any, Any, Any, Indices]:
         found = self._neighbours(np.array([target]), kernel, reach)
         near = np.array(found[0], dtype=np.int64)
-        x, own, h = fractions(self.x[:, near]), fractions(self.x[:, target]), self.h[target]
+        x, own = fractions(self.x[:, near]), fractions(self.x[:, target])
+        h, h_b = fractions(self.h[target][None])[0], fractions(self.h[near])
         offset = x - own[:, None]
         if self.period is not None:
             for axis, box in enumerate(fractions(self.period)):
                 offset[axis] = np.array([d - box * round(d / box) for d in offset[axis]])
-        offset = offset / fractions(h[None])[0]
+        offset = offset / h
         v = self.given if self.given is not None else self._cells()
-        volume = fractions(v[near]) / fractions(h[None])[0] ** self.dim
-        inside = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
-        return offset[:, inside], volume[inside]
+        volume = fractions(v[near]) / h**self.dim
+        stretch = h / {"gather": 0 * h_b + h, "scatter": h_b, "mean": (h + h_b) / 2}[self.mode]
+        inside = (offset * offset).sum(axis=0) * stretch**2 <= (
+            reach * fraction(kernel.support)
+        ) ** 2
+        return offset[:, inside], volume[inside], stretch[inside], near[inside]
 
 
 def particles(

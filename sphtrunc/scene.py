@@ -22,7 +22,7 @@ from sphtrunc import jitter
 from sphtrunc.graded import Graded
 from sphtrunc.jitter import MOST_INDICES as MOST_INDICES
 from sphtrunc.lattice import DEFAULT, KINDS, in_pairs, sites, units
-from sphtrunc.neighbourhood import EDGE, assemble, fraction, fractions, summed
+from sphtrunc.neighbourhood import EDGE, arithmetic_for, assemble, fraction, fractions, summed
 from sphtrunc.neighbourhood import Indices as Indices
 from sphtrunc.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.summation import (
@@ -113,9 +113,17 @@ class Lattice:
         error: Array | None = np.abs(lo) * EDGE
         if self.volume == "summation":
             home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
-            around, _ = _positions(home, _stencil(home, kernel), self.dx_over_h)
-            hi = summed(np.zeros((self.dim, 1, 1)), around[:, :, None], kernel)
-            error = None
+            sites = _stencil(home, kernel)
+            around, after = _positions(home, sites, self.dx_over_h, extended or errors)
+            there: list[Any] = [(s_i[:, None], None, None) for s_i in around]
+            if after is not None:
+                there = [
+                    (a[:, None], b[:, None], np.abs(b[:, None]) * EDGE)
+                    for a, b in zip(around, after, strict=True)
+                ]
+            origin = [(np.zeros((1, 1)), None, None)] * self.dim
+            hi, lo = summed(arithmetic_for(extended, errors), origin, there, kernel)
+            error = lo
         return Neighbourhood(
             offset=s[:, :, None],
             volume=hi,

@@ -131,11 +131,11 @@ def _terms(
     """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
     dim = len(s)
     needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
-    argument = q if stretch is None else q * number.number(stretch)
+    argument = q if stretch is None else q * stretch
     weight = volume
     if stretch is not None:
         for _ in range(dim):
-            weight = weight * number.number(stretch)
+            weight = weight * stretch
     terms: dict[Any, Any] = {}
     order = max(1 if isinstance(term, str) else sum(term) for term in needed)
     slope: Any = None
@@ -164,7 +164,7 @@ def kernel_term(
     value = number.kernel(kernel, q, derivative, dim) * weight
     if stretch is not None:
         for _ in range(derivative):
-            value = value * number.number(stretch)
+            value = value * stretch
     return value
 
 

@@ -271,7 +271,7 @@ def volumes(scene: Particles, kernel: Kernel) -> Array:
     """V_b of every particle, (n,), by the rule of the scene."""
     if scene.given is not None:
         return scene.given
-    return scene._cells() if scene.volume == "cell" else scene._summed(kernel)
+    return scene._cells() if scene.volume == "cell" else scene._summed(kernel)[0]
 
 
 def _columns(
