@@ -18,7 +18,7 @@ from sphtrunc.moments import MultiIndex, label
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.response import Split, predict_fields
-from sphtrunc.scene import Jittered, Lattice, Scene
+from sphtrunc.scene import Graded, Jittered, Lattice, Scene
 from sphtrunc.signals import Signals, Taylor, Waves
 from sphtrunc.summation import UNIT
 
@@ -32,8 +32,9 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
         return scene, 0.0, "gaussian"
+    sort = "graded" if isinstance(scene, Graded) else "explicit"
     raise ValueError(
-        f"scene: there is no theory for {type(scene).__name__.lower()} particles; expected a"
+        f"scene: there is no theory for {sort} particles; expected a"
         " lattice, with or without jitter"
     )
 

@@ -303,7 +303,12 @@ def measure(
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
     operator.require_pairs(paired(scene))
-    fields = _fields(field, operator, scene.dim)
+    if not isinstance(kernel, Kernel) and (bound or precision in ("extended", "exact")):
+        raise ValueError(
+            f"precision: sums with {kernel.name}, which is not a polynomial, are plain or"
+            " compensated and have no bound; expected another kernel"
+        )
+    fields = _fields(field, operator, scene)
     degree = _degree(moments, operator, bool(fields))
     if precision not in PRECISIONS or bound:
         arithmetic(precision, bound)
@@ -398,7 +403,10 @@ def _chosen(scene: Scene, targets: object, seed: int) -> Indices:
     return index.astype(np.int64)
 
 
-def _fields(field: Field | list[Field] | None, operator: Operator, dim: int) -> tuple[Field, ...]:
+def _fields(
+    field: Field | list[Field] | None, operator: Operator, scene: Scene
+) -> tuple[Field, ...]:
+    dim = scene.dim
     vector = operator.name in ("divergence", "curl")
     if operator.name == "curl" and dim == 1:
         raise ValueError("operator: there is no curl in 1D, expected dim 2 or 3")
@@ -416,6 +424,12 @@ def _fields(field: Field | list[Field] | None, operator: Operator, dim: int) -> 
                 f"field: got {type(one).__name__}, expected a field made by sinusoid, polynomial,"
                 " field or Values"
             )
+        if isinstance(one, Values) and one.values.shape != (scene.population,):
+            raise ValueError(
+                f"field: got values of shape {one.values.shape}, expected ({scene.population},)"
+            )
+        if isinstance(one, Values) and not isinstance(scene, Particles):
+            raise ValueError("field: values belong to explicit particles; expected another field")
         if isinstance(one, Sinusoid) and len(one.direction) != dim:
             raise ValueError(
                 f"field: got a sinusoid in {len(one.direction)}D, expected one in {dim}D"
@@ -435,5 +449,5 @@ def _threads(workers: int | None, precision: str) -> int:
     if workers is None:
         return 1 if precision == "exact" else min(8, os.cpu_count() or 1)
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
-        raise ValueError(f"workers: got {workers!r}, expected a number of threads from 1")
+        raise ValueError(f"workers: got {workers!r}, expected a number of threads from 1 to 1024")
     return 1 if precision == "exact" else workers

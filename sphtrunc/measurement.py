@@ -225,6 +225,8 @@ class Measurement:
                 low, high = error[f"{name}_ci95"]
                 lines.append(f"  {says:<7} {error[name]:.6e}   [{low:.6e}, {high:.6e}] at 95 %")
             lines.append(f"  max     {error['max']:.6e}")
+        elif set_["field"] and self.flagged < self.targets:
+            lines.append("No error: no exact derivatives of these values are known, see --moments")
         rows = self.moment_statistics()
         if rows:
             lines.append(

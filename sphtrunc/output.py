@@ -14,6 +14,8 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
     import tempfile
 
     target = Path(path)
+    if not target.name:
+        raise ValueError(f"output: got {str(path)!r}, expected the name of a file")
     data = text.encode() if isinstance(text, str) else text
     temporary: str | None = None
     try:

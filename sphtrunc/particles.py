@@ -409,7 +409,7 @@ def read(path: str) -> dict[str, Array]:
 
 
 def _read_csv(path: str) -> dict[str, Array]:
-    with open(path, newline="", encoding="utf-8") as file:
+    with open(path, newline="", encoding="utf-8-sig") as file:
         rows = [row for row in csv.reader(file) if row]
     if len(rows) < 2:
         raise ValueError("expected a header and at least one particle")

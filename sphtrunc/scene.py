@@ -57,7 +57,9 @@ def exact(value: object, name: str) -> Fraction:
     text_fits = not isinstance(value, str) or (len(value) <= 200 and bool(_NUMBER.match(value)))
     if isinstance(value, (str, Rational, float)) and not isinstance(value, bool) and text_fits:
         try:
-            return Fraction(value)
+            found = Fraction(value)
+            float(found)
+            return found
         except (ValueError, ZeroDivisionError, OverflowError):
             pass
     raise ValueError(f'{name}: got {str(value)[:60]!r}, expected a number such as 0.7 or "10/13"')

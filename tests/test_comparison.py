@@ -42,7 +42,7 @@ def test_no_theory_is_said_plainly(tmp_path: Any) -> None:
     file = tmp_path / "x.csv"
     file.write_text("x\n" + "\n".join(str(0.1 * i) for i in range(40)) + "\n")
     text = measured("--particles", str(file), "--h", "0.2", "--moments", "1")
-    assert "No prediction: scene: there is no theory for particles" in text
+    assert "No prediction: scene: there is no theory for explicit particles" in text
 
 
 def test_compare_reads_as_a_table() -> None:

@@ -872,6 +872,8 @@ WRONG: dict[str, dict[str, Any]] = {
     "workers": {"workers": 0},
     "field": {"field": "sin"},
     "field components": {"field": [fd.sinusoid("1/5")] * 2},
+    "values on a lattice": {"field": fd.Values(np.ones(1))},
+    "values of another length": {"field": fd.Values(np.ones(3))},
     "field dim": {"field": fd.sinusoid("1/5", dim=2)},
     "kernel": {"kernel": "no-such-kernel"},
 }

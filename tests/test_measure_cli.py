@@ -145,6 +145,14 @@ WRONG = {
     "nothing": [],
     "ratio": ["--dx-over-h", "x"],
     "zero": ["--dx-over-h", "0"],
+    "no float": ["--dx-over-h", "1e400"],
+    "no float either": ["--dx-over-h", "1/2", "--h-over-lambda", "1e400"],
+    "Gaussian and bound": ["--kernel", "gaussian", "--dx-over-h", "1/2", "--bound"],
+    "Gaussian in 60 digits": ["--kernel", "gaussian", "--dx-over-h=1/2", "--precision=exact"],
+    "paired": ["--dx-over-h", "1/2", "--form", "paired", "--offset", "1/3"],
+    "file and offset": ["--particles", "x.npz", "--offset", "1/2"],
+    "file and extent": ["--particles", "x.npz", "--extent", "5"],
+    "no file name": ["--dx-over-h", "1/2", "-o", ""],
     "coarse": ["--dx-over-h", "3"],
     "lattice": ["--dx-over-h", "1/2", "--lattice", "bcc"],
     "offset": ["--dx-over-h", "1/2", "--offset", "1,2"],
@@ -198,6 +206,24 @@ def test_bad_files_end_in_one_line(
     path = tmp_path / name
     path.write_bytes(BAD_FILES[name])
     assert len(fails(capsys, "--particles", str(path))) > 20
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "exported.csv"
+    path.write_text("x,h,volume\n0,1,1\n0.5,1,1\n", encoding="utf-8-sig")
+    assert "2 targets" in out(capsys, "--particles", str(path))
+
+
+def test_values_without_derivatives_have_no_error_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "values.npz"
+    np.savez(path, x=np.arange(9.0), h=2.0, volume=1.0, values=np.ones(9))
+    text = out(capsys, "--particles", str(path), "--field", "values")
+    assert "No error: no exact derivatives" in text
+    assert "no theory for explicit particles" in text
 
 
 def test_a_pickle_is_not_opened(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

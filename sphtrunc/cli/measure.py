@@ -115,8 +115,8 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     from sphtrunc.scene import jittered, lattice
 
     if given["particles"] is not None:
-        for name in ("lattice", "dx_over_h", "jitter"):
-            if given[name] is not None:
+        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset"):
+            if given[name] not in (None, "0"):
                 option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
         return _read(given)
