@@ -12,13 +12,14 @@ import numpy as np
 from sphtrunc.disorder import Prediction, predict
 from sphtrunc.experiment import measure
 from sphtrunc.fields import Polynomial, Sinusoid, polynomial
+from sphtrunc.graded import Graded
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Measurement
 from sphtrunc.moments import MultiIndex, label
 from sphtrunc.operators import Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.response import Split, predict_fields
-from sphtrunc.scene import Graded, Jittered, Lattice, Scene
+from sphtrunc.scene import Jittered, Lattice, Scene
 from sphtrunc.signals import Signals, Taylor, Waves
 from sphtrunc.summation import UNIT
 
