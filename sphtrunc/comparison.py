@@ -159,7 +159,7 @@ def predict_error(
                 f"field: no prediction for {type(field).__name__.lower()}, expected a sinusoid, a"
                 " polynomial or a mapping from multi-indices to derivatives"
             )
-        signals = Taylor(field.coefficients, field.amplitude(operator.derivatives))
+        signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
     return predict_fields(
         kernel,
         operator,

@@ -1,7 +1,7 @@
 """Disorder: predicted mean and spread of discrete moments when particles are displaced at random.
 
 Every particle of a lattice moves by u, independent, of standard deviation σ along each axis (in Δx
-here), the target too unless it sits at an offset. Three levels, from the formula to the particles:
+here), the target too unless it sits at an offset. Four levels, from the formula to the particles:
 
 - the leading law for Δx/h → 0, std(M) = (σ/Δx) (Δx/h)^{1+d/2} ‖∇g‖₂, where g is the function that
   the particles sample; ‖∇g‖₂ is exact for piecewise polynomials;
@@ -9,7 +9,10 @@ here), the target too unless it sits at an offset. Three levels, from the formul
   every term of the reciprocal sum is damped by the Debye–Waller factor (Debye 1913,
   doi:10.1002/andp.19133480105), and V ∫ |ĝ|² (1 − e^{−σ²k²}) d^d k/(2π)^d is the variance;
 - propagation through the lattice, Var = σ² Σ_b |∂M/∂x_b|², for any operator, correction and rule
-  for the volumes, by carrying ∂/∂x_b with every number; to order σ⁴ where there are few neighbours.
+  for the volumes, by carrying ∂/∂x_b with every number; to order σ⁴ where there are few neighbours
+  and none is near a knot where the kernel is too rough for that;
+- for independent displacements and constant volumes, averages over the displacements of every
+  particle, of any size (`sphtrunc.response`), to first order in the algebra of a correction.
 """
 
 from __future__ import annotations
@@ -26,8 +29,9 @@ from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import Laurent, angular, lattice_moments, laurent, parts
 from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import NESTED, Key, Operator
-from sphtrunc.propagation import mixing, propagate, second_order
-from sphtrunc.stencil import radial_values
+from sphtrunc.propagation import is_smooth, mixing, propagate, second_order
+from sphtrunc.response import scattered_moments
+from sphtrunc.stencil import Stencil, radial_values
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,32 +97,46 @@ def predict(
     mixed = mixing(kind, index, distribution)
     by_source = {a: row if mixed is None else mixed.T @ row for a, row in slopes.items()}
     variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
-    size = (index.shape[1], dim)
     how = "first-order propagation through the lattice"
-    closed = operator.uncorrected and volume == "constant" and distribution == "gaussian"
-    corrected_twice = operator.form == NESTED and operator.correction != "none"
-    most = SECOND_ORDER // 6 if corrected_twice else SECOND_ORDER
-    few = size[0] * dim <= most and not (closed and sigma > LARGE)
-    if few:
+    # what is zero by a mirror symmetry of the lattice stays so, and so does what a form has exactly
+    moving = [a for a, m in values.items() if m != 0 or any(offset)]
+    if operator.uses_difference:
+        moving = [a for a in moving if any(a)]
+    size = (index.shape[1], dim)
+    s = Stencil(kernel, kind, dx_over_h, offset, "constant").s
+    smooth = is_smooth(kernel, operator, s, sigma * float(dx_over_h))
+    nested = operator.form == NESTED
+    independent = volume == "constant" and distribution != "blue" and not nested
+    most = SECOND_ORDER // 6 if nested and operator.correction != "none" else SECOND_ORDER
+    if size[0] * dim <= most and smooth and not (independent and sigma > LARGE):
         how = "second-order propagation through the lattice"
         excess = -1.2 if distribution == "uniform" else 0.0
         second = second_order(lambda at: propagate(*arguments, at)[0], size, mixed, excess)
-        for alpha, (shift, more) in second.items():
-            mean[alpha] += 0.0 if closed else sigma**2 * shift
-            variance[alpha] += sigma**4 * more
-    if closed:
-        how = how if few else "closed form for Gaussian displacements"
+        variance = {a: max(v + sigma**4 * second[a][1], 0.0) for a, v in variance.items()}
+        mean |= {a: mean[a] + sigma**2 * second[a][0] for a in moving}
+    elif independent:
+        alphas = [a for a in variance if any(a) or not operator.uses_difference]
+        found = scattered_moments(
+            kernel, operator, kind, dx_over_h, offset, alphas, sigma, distribution, axis
+        )
+        if found is not None:
+            how = "displacements of any size, particle by particle"
+            variance |= {a: v for a, (_, v) in found.items()}
+            mean |= {a: found[a][0] for a in moving}
+    elif not smooth:
+        how += "; rough, as particles lie near knots where the kernel is not smooth"
+    if operator.uncorrected and independent and distribution == "gaussian":
         part = operator.coefficients({}, dim)[axis]
-        for alpha in mean:
-            if any(alpha) or not operator.uses_difference:
+        for alpha in moving:
+            rows = moment_rows(part, alpha)
+            shift = mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+            mean[alpha] = float(values[alpha]) + _copies(operator, alpha) * shift
+        if how.startswith("first"):
+            how = "closed form for Gaussian displacements"
+            for alpha in variance:
                 rows = moment_rows(part, alpha)
-                if values[alpha] != 0 or any(offset):  # else zero by symmetry, and stays it
-                    shift = mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
-                    mean[alpha] += _copies(operator, alpha) * shift
-                if not few:
-                    ratio = finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim)
-                    variance[alpha] *= ratio**2
-    return Prediction(mean, {a: max(v, 0.0) ** 0.5 for a, v in variance.items()}, how)
+                variance[alpha] *= finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim) ** 2
+    return Prediction(mean, {a: v**0.5 for a, v in variance.items()}, how)
 
 
 def _copies(operator: Operator, alpha: MultiIndex) -> int:

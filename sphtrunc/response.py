@@ -29,22 +29,25 @@ import numpy as np
 
 from sphtrunc.lattice import in_pairs, sites, units
 from sphtrunc.lattice_sums import parts
+from sphtrunc.moments import MultiIndex
 from sphtrunc.operators import NESTED, PAIRED, Key, Operator
-from sphtrunc.propagation import mixing, second_order
+from sphtrunc.propagation import is_smooth, mixing, second_order
 from sphtrunc.second_neighbours import SecondNeighbours
-from sphtrunc.signals import Signals, Waves
+from sphtrunc.signals import Signals, Taylor, Waves
 from sphtrunc.stencil import Dual, Stencil, dual_coefficients, radial_values
 from sphtrunc.summation import UNIT, depth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sphtrunc.gaussian import Gaussian
     from sphtrunc.kernel import Kernel
 
     Array = NDArray[np.float64]
 
 NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
 CALM = 0.1  # for displacements of at most this many h, and for larger ones
+MOST_NODES = 1 << 17  # of that quadrature for all particles
 FEW = 60  # displacements, up to which the second order in them is taken
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -143,23 +146,18 @@ def predict_fields(
     still = value - exact
     mean, variance = still, np.zeros_like(still)
     if sigma:
-        spread = sigma * float(dx_over_h)
         if nested or volume != "constant" or distribution == "blue":
             stencil = (
                 partial(SecondNeighbours, kernel, operator) if nested else partial(Stencil, kernel)
             )
             shift, variance = _propagated(
+                kernel,
                 lambda moved: stencil(kind, dx_over_h, offset, volume, moved),
                 operator, signals, sigma, distribution, kind,
             )  # fmt: skip
             mean = still + shift
         else:
-            eta, weight = _nodes(distribution, spread, dim, particles.moving)
-            moved = particles.points[:, None, :] + eta * particles.moves[:, None, None]
-            kurtosis = {"gaussian": 3.0, "uniform": 1.8}[distribution]
-            mean, variance, _ = particles.estimate(
-                operator, signals, moved, weight, eta, spread, kurtosis
-            )
+            mean, variance = particles.scattered(operator, signals, sigma, distribution)
             mean = mean - exact
     scale = 1.0 / signals.size(operator.derivatives)
 
@@ -185,6 +183,35 @@ def floor(noise: Array, estimate: Array, neighbours: int, precision: str) -> Arr
     return np.asarray(ROUNDED * unit * np.sqrt((5 + levels) * noise**2 + 2 * estimate**2))
 
 
+def scattered_moments(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: Sequence[Fraction],
+    alphas: Sequence[MultiIndex],
+    sigma: float,
+    distribution: str,
+    axis: int = 0,
+) -> dict[MultiIndex, tuple[float, float]] | None:
+    """Mean and variance of M_α of one component for independent displacements of any size, to first
+    order in the algebra of a correction; None where there are too many particles for that.
+
+    M_α is the estimate of s^α.
+    """
+    particles = _Particles(kernel, kind, dx_over_h, offset, "constant")
+    if len(particles.points) * max(NODES[particles.dim]) ** particles.dim > MOST_NODES:
+        return None
+    result: dict[MultiIndex, tuple[float, float]] = {}
+    for start in range(0, len(alphas), 8):  # few at a time, for the sake of memory
+        some = alphas[start : start + 8]
+        signals = Taylor([{alpha: 1.0} for alpha in some])
+        mean, variance = particles.scattered(operator, signals, sigma, distribution)
+        rows = zip(mean[:, axis, 0], variance[:, axis, 0], strict=True)
+        result |= {a: (float(m), float(v)) for a, (m, v) in zip(some, rows, strict=True)}
+    return result
+
+
 def _exact(operator: Operator, dim: int, signals: Signals) -> Array:
     """What E should be, (K, C, F), less what the form adds itself."""
     rows = [sum(signals.derivative(mu) for mu in row) for row in operator.components(dim)]
@@ -198,7 +225,7 @@ def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
     if operator.form == PAIRED:
         return np.asarray(0.5 * (signals.difference(s) - signals.difference(-s)))
     copies = 0.0 if operator.uses_difference else 2.0 if operator.form == "symmetric" else 1.0
-    return np.asarray((signals.difference(s).T + copies * signals.own[:, None]).T)
+    return np.asarray((signals.difference(s).T + copies * signals.own.T).T)
 
 
 class _Particles:
@@ -206,14 +233,14 @@ class _Particles:
 
     def __init__(
         self,
-        kernel: Kernel,
+        kernel: Kernel | Gaussian,
         kind: str,
         dx_over_h: Fraction,
         offset: Sequence[Fraction],
         volume: str,
     ) -> None:
         self.kernel, self.dim = kernel, len(offset)
-        ratio = float(dx_over_h)
+        self.ratio = ratio = float(dx_over_h)
         self.index = sites(kind, float(kernel.support) / ratio + 1.5, tuple(offset))
         length = np.array([float(u) for u in units(kind)])
         self.points = ratio * (self.index.T * length + np.array([float(o) for o in offset]))
@@ -258,6 +285,16 @@ class _Particles:
                 total = np.where(near, total, 0.0)
             result[key] = total
         return result
+
+    def scattered(
+        self, operator: Operator, signals: Signals, sigma: float, distribution: str
+    ) -> tuple[Array, Array]:
+        """Mean and variance of E, (K, C, F), for independent displacements of any size."""
+        spread = sigma * self.ratio
+        eta, weight = _nodes(distribution, spread, self.dim, self.moving)
+        moved = self.points[:, None, :] + eta * self.moves[:, None, None]
+        kurtosis = {"gaussian": 3.0, "uniform": 1.8}[distribution]
+        return self.estimate(operator, signals, moved, weight, eta, spread, kurtosis)[:2]
 
     def estimate(
         self,
@@ -343,6 +380,7 @@ class _Particles:
 
 
 def _propagated(
+    kernel: Kernel,
     stencil: Callable[[Array | None], Stencil | SecondNeighbours],
     operator: Operator,
     signals: Signals,
@@ -360,7 +398,7 @@ def _propagated(
     for key, slope in slopes.items():
         own = slope if mixed is None else mixed.T @ slope
         variance[key] = sigma**2 * float((own**2).sum())
-    if still.s.size <= FEW:
+    if still.s.size <= FEW and is_smooth(kernel, operator, still.s, sigma * still.ratio):
         excess = -1.2 if distribution == "uniform" else 0.0
         found = second_order(
             lambda moved: _slopes(stencil(moved), operator, signals), still.s.shape, mixed, excess
@@ -388,7 +426,7 @@ def _slopes(
             np.sum([x.value * sampled[key][i] for key, x in part.items()], axis=0) for i in (0, 1)
         )
         for i, f in np.ndindex(*difference.shape[:2]):
-            own = 0.0 if operator.uses_difference else signals.own[f]
+            own = 0.0 if operator.uses_difference else signals.own[i, f]
             seen = difference[i, f] + own
             climb = dg * seen[:, None] + g[:, None] * ahead[i, f]
             slope = stencil.total(g * seen, climb, 2 if symmetric else 1).slope
@@ -400,7 +438,7 @@ def _slopes(
     return result
 
 
-def _curvature_at_0(kernel: Kernel) -> bool:
+def _curvature_at_0(kernel: Kernel | Gaussian) -> bool:
     """Whether Ŵ″(0) exists; a Gaussian has no pieces and is smooth there."""
     pieces = getattr(kernel, "pieces", ())
     return not pieces or bool(pieces[0].diff().eval(0) == 0)

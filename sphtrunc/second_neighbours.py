@@ -245,5 +245,5 @@ def moment_slopes(
     """∂M_α/∂u_b of a nested second derivative, as from `sphtrunc.propagation.propagate`."""
     seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume, moved)
     alphas = multi_indices(seen.dim, degree)
-    slopes = {alpha: seen.slopes(Taylor({alpha: 1.0}, 1.0))[0, axis, 0] for alpha in alphas}
+    slopes = {alpha: seen.slopes(Taylor([{alpha: 1.0}]))[0, axis, 0] for alpha in alphas}
     return slopes, seen.index

@@ -6,7 +6,7 @@ Offsets s are in units of h, and so are derivatives; K signals of F parts each g
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise, product
@@ -43,8 +43,8 @@ class Waves:
 
     @property
     def own(self) -> Array:
-        """The values at the target, (F,)."""
-        return np.array([1.0, 0.0])
+        """The values at the target, (K, F)."""
+        return np.tile([1.0, 0.0], (len(self.kappa), 1))
 
     def difference(self, s: Array) -> Array:
         """f(s) − f(0), (K, F, …), at offsets s (…, d)."""
@@ -86,50 +86,55 @@ class Waves:
 
 @dataclass(frozen=True, eq=False)
 class Taylor:
-    """One polynomial Σ c_α s^α (K = F = 1): c_α = h^{|α|} A^{(α)}/α! of any field.
+    """Polynomials Σ c_α s^α, F = 1: c_α = h^{|α|} A^{(α)}/α! of any field.
 
-    scale: what errors are relative to
+    coefficients: of each of the K; scale: what errors are relative to
     """
 
-    coefficients: Mapping[MultiIndex, float]
-    scale: float
+    coefficients: Sequence[Mapping[MultiIndex, float]]
+    scale: float = 1.0
 
     @property
     def own(self) -> Array:
-        """The value at the target, (F,)."""
-        return np.array([sum(c for alpha, c in self.coefficients.items() if not any(alpha))])
+        """The values at the target, (K, 1)."""
+        return np.array(
+            [[sum(c for alpha, c in one.items() if not any(alpha))] for one in self.coefficients]
+        )
 
     def difference(self, s: Array) -> Array:
         """f(s) − f(0), (K, F, …), at offsets s (…, d)."""
-        total = np.zeros(s.shape[:-1])
-        for alpha, c in self.coefficients.items():
-            if any(alpha):
-                total += c * np.prod(s**alpha, axis=-1)
-        return total[None, None]
+        total = np.zeros((len(self.coefficients), 1, *s.shape[:-1]))
+        for one, result in zip(self.coefficients, total[:, 0], strict=True):
+            for alpha, c in one.items():
+                if any(alpha):
+                    result += c * np.prod(s**alpha, axis=-1)
+        return total
 
     def gradient(self, s: Array) -> Array:
         """∇f, (K, F, …, d)."""
-        total = np.zeros_like(s)
-        for alpha, c in self.coefficients.items():
-            for i, n in enumerate(alpha):
-                if n:
-                    lower = tuple(m - (j == i) for j, m in enumerate(alpha))
-                    total[..., i] += c * n * np.prod(s**lower, axis=-1)
-        return total[None, None]
+        total = np.zeros((len(self.coefficients), 1, *s.shape))
+        for one, result in zip(self.coefficients, total[:, 0], strict=True):
+            for alpha, c in one.items():
+                for i, n in enumerate(alpha):
+                    if n:
+                        lower = tuple(m - (j == i) for j, m in enumerate(alpha))
+                        result[..., i] += c * n * np.prod(s**lower, axis=-1)
+        return total
 
     def derivative(self, mu: MultiIndex) -> Array:
         """∂^μ f at the target, (K, F)."""
-        return np.full((1, 1), self.coefficients.get(mu, 0.0) * prod(factorial(n) for n in mu))
+        factor = float(prod(factorial(n) for n in mu))
+        return np.array([[one.get(mu, 0.0) * factor] for one in self.coefficients])
 
     def size(self, order: int) -> Array:
         """What the root of Σ E² is to be divided by, (K,)."""
-        return np.full(1, self.scale)
+        return np.full(len(self.coefficients), self.scale)
 
     def limit(self, kernel: Kernel, operator: Operator) -> Array:
         """E for Δx/h → 0, (K, C, F)."""
-        series = {alpha: self.derivative(alpha) for alpha in self.coefficients}
-        dim = len(next(iter(series)))
-        return _limit(kernel, operator, dim, series)
+        alphas = dict.fromkeys(alpha for one in self.coefficients for alpha in one)
+        dim = len(next(iter(alphas)))
+        return _limit(kernel, operator, dim, {alpha: self.derivative(alpha) for alpha in alphas})
 
 
 Signals: TypeAlias = Waves | Taylor

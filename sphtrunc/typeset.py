@@ -248,8 +248,8 @@ def _scatter_text(d: Derivation) -> str:
     scatter = d.scatter
     assert scatter is not None
     lines = [
-        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}"
-        f" ({scatter.how})",
+        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}",
+        *_wrapped([*scatter.how.split(" ")], "  by ", " "),
         "  k          mean                 standard deviation",
     ]
     for alpha, mean in scatter.mean.items():
