@@ -43,7 +43,7 @@ def engine(quick: bool) -> Iterator[Table]:
         yield _first_call()
     for h in (1.2, 1.5) if quick else (1.2, 1.5, 2.0):
         yield _tasks(side, h, repeats)
-    for h in (1.2, 1.5, 2.0):
+    for h in (1.2,) if quick else (1.2, 1.5, 2.0):
         yield _peers(30 if quick else 100, h, 1 if quick else 3)
     yield _scaling(quick)
     yield _crowding(20 if quick else 46, repeats)

@@ -286,7 +286,7 @@ def sums(
 def crowd(x: tuple[Array, ...], reach: Array) -> float:
     """How many particles share the cells that a target looks into, on average (sampled)."""
     grid, counts = grid_for(x, float(reach.max()))
-    some = [row[:: max(1, row.size // 65536)] for row in x]
+    some = [row[:: max(1, row.size // 16384)] for row in x]
     keys = np.zeros(some[0].size, dtype=np.int64)
     for axis in range(len(x) - 1, -1, -1):
         cell = np.clip((some[axis] - grid[0, axis]) * grid[1, axis], 0, counts[axis] - 1)
