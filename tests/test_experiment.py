@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from mpmath import mp, workdps
 
 import sphtrunc
@@ -785,32 +786,81 @@ def bad_scenes() -> dict[str, Callable[[int], Any]]:
     }
 
 
+def outcome(scene: Any, operator: Operator, targets: int) -> str:
+    """An error that names an argument, a flag, or finite figures that JSON can hold."""
+    field = fd.sinusoid("1/20", dim=scene.dim)
+    try:
+        found = measure(
+            scene, "cubic-spline", operator, field, moments=1, targets=targets, workers=1
+        )
+    except ValueError as error:
+        assert str(error).partition(":")[0].replace("_", "").isalpha()  # noqa: PT017
+        return "error"
+    assert np.all(np.isfinite(found.errors))
+    assert all(np.all(np.isfinite(m)) for m in found.moments.values.values())
+    assert (found.first_flagged is None) == (found.flagged == 0)
+    json.loads(found.to_json())
+    return "flag" if found.flagged else "fine"
+
+
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("case", bad_scenes())
 def test_bad_scenes_end_in_an_error_or_a_flag(case: str, dim: int) -> None:
-    """Crossed with every operator: more than 1500 combinations."""
+    """Crossed with every operator: more than 5000 combinations."""
     scene = bad_scenes()[case](dim)
     outcomes: set[str] = set()
     paired: set[str] = set()
     for operator in operators(dim):
-        field = fd.sinusoid("1/20", dim=dim)
         ends = paired if operator.form == "paired" else outcomes
-        try:
-            found = measure(scene, "cubic-spline", operator, field, moments=1, targets=4, workers=1)
-        except ValueError as error:
-            assert str(error).partition(":")[0].replace("_", "").isalpha()  # noqa: PT017
-            ends.add("error")
-            continue
-        assert np.all(np.isfinite(found.errors))
-        assert all(np.all(np.isfinite(m)) for m in found.moments.values.values())
-        assert (found.first_flagged is None) == (found.flagged == 0)
-        json.loads(found.to_json())
-        ends.add("flag" if found.flagged else "fine")
+        ends.add(outcome(scene, operator, 4))
     assert paired == ({"fine"} if case == "nearly too coarse" else {"error"})
     if case in ("box too small", "too coarse", "exactly at the edge"):
         assert outcomes == {"error"}
     if case in ("alone", "far apart", "coincident"):
         assert outcomes == {"flag"}
+
+
+def spoiled(seed: int) -> Any:
+    """A few particles with everything that can be wrong with them at once."""
+    rng = np.random.default_rng(seed)
+    dim, n = 1 + seed % 3, int(rng.integers(2, 14))
+    x, h = rng.random((n, dim)), np.full(n, 10.0 ** rng.uniform(-1, 0.5))
+    if rng.random() < 0.3:
+        x[1] = x[0]
+    if rng.random() < 0.3:
+        x[:, 1:] = x[:, :1] * rng.uniform(-1, 1)
+    if rng.random() < 0.3:
+        x, h = np.round(4 * x) / 4, np.full(n, 0.25)  # many exactly at q = κ
+    if rng.random() < 0.3:
+        x = x + 10.0 ** rng.integers(0, 13)
+    if rng.random() < 0.3:
+        h = h * np.geomspace(1e-3, 1, n)
+    if rng.random() < 0.2:
+        scale = 10.0 ** rng.integers(-90, 90)
+        x, h = x * scale, h * scale
+    size = float(h.max())
+    volume: dict[str, Any] = [
+        {"volume": (0.3 * size) ** dim},
+        {"volume": "summation"},
+        {"mass": 10.0 ** rng.uniform(-20, 20, n), "density": 1.0},
+        {"volume": "cell" if dim == 1 else size**dim * 10.0 ** rng.uniform(-3, 3, n)},
+    ][int(rng.integers(4))]
+    box = size * 10.0 ** rng.uniform(0, 1.5) if rng.random() < 0.3 else None
+    mode = ("gather", "scatter", "mean")[int(rng.integers(3))]
+    return particles(x, h=h, period=box, mode=mode, **volume)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_spoiled_particles_end_in_an_error_or_a_flag(seed: int) -> None:
+    """A fifth of the operators each, all of them by turns; in the deep profile all at once."""
+    by_turns = slice(seed % 5, None, 5) if settings().max_examples <= 1000 else slice(None)
+    try:
+        scene = spoiled(seed)
+    except ValueError as error:
+        assert str(error).partition(":")[0].isalpha()  # noqa: PT017
+        return
+    for operator in operators(scene.dim)[by_turns]:
+        assert outcome(scene, operator, 2) in ("error", "flag", "fine")
 
 
 @pytest.mark.parametrize(("dim", "case"), [(2, "on a line"), (3, "on a line"), (3, "on a plane")])

@@ -239,6 +239,29 @@ def test_no_progress_bar_in_a_pipe() -> None:
     assert found.stderr == ""
 
 
+BILLION = [*BASE, "--dim", "3", "--dx-over-h", "0.6", "--jitter", "0.2", "--h-over-lambda", "0.05",
+           "--rtol", "0.01", "--workers", "2", "--format", "csv"]  # fmt: skip
+
+
+def test_a_billion_particles_fit_into_200_megabytes() -> None:
+    """1000 × 1000 × 1000 indices, the rms error to 1 %: only what the sample needs is made."""
+    text = (
+        "import resource, sys\nfrom sphtrunc.cli import main\n"
+        "try:\n    main(sys.argv[1:])\nfinally:\n"
+        "    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)\n"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", text, *BILLION], capture_output=True, text=True, timeout=120
+    )
+    assert found.returncode == 0
+    rows = dict(line.split(",", 1) for line in found.stdout.splitlines())
+    rms, _, low, high = (float(x or 0) for x in rows["error_rms"].split(","))
+    assert (high - low) / 2 <= 0.0101 * rms
+    assert float(rows["pairs_full"].split(",")[0]) > 1.4e11
+    assert float(rows["pairs"].split(",")[0]) < 1e7
+    assert int(found.stderr.splitlines()[-1]) * 1024 <= 200e6
+
+
 LONG = [*BASE, "--dim", "3", "--dx-over-h", "0.3", "--jitter", "0.2", "--targets", "9000000",
         "--h-over-lambda", "0.1", "--format", "json"]  # fmt: skip
 
