@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from sympy import QQ, Expr, Poly, Rational, pi, radsimp, root, sqrt
+from sympy import QQ, Expr, Poly, Rational, log, pi, radsimp, root, sqrt
 
 from sphtrunc.kernel import Kernel, dimension, q, rational
 from sphtrunc.parse import kernel as parse_kernel
@@ -175,9 +175,10 @@ def fwhm(kernel: Kernel) -> Expr:
 
     Raises ValueError where the kernel does not reach half of w(0) continuously.
     """
-    half = kernel.pieces[0].eval(0) / 2
+    if not kernel.pieces and kernel.support > sqrt(log(2)):  # a Gaussian, exp(−q²)
+        return 2 * sqrt(log(2))
     for a, b, piece in zip(kernel.knots, kernel.knots[1:], kernel.pieces, strict=False):
-        level = Poly(piece - half, q, domain=QQ)
+        level = Poly(piece - kernel.pieces[0].eval(0) / 2, q, domain=QQ)
         if level.is_zero:
             break
         for found in level.real_roots():

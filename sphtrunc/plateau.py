@@ -73,7 +73,7 @@ def findings(problem: Problem, kernel: Kernel | str, runs: Sequence[Run]) -> lis
     for dominant, group in groupby(runs, key=lambda run: str(run["dominant"])):
         members = list(group)
         first, last = (f"{members[i]['dx_over_lambda']:.3g}" for i in (0, -1))
-        where = f"Δx/λ from {first} to {last}" if len(members) > 1 else f"Δx/λ = {first}"
+        where = f"Δx/λ = {first}" if first == last else f"Δx/λ from {first} to {last}"
         orders = [_order(members, column) for column in ("error", "predicted")]
         text = f"{where}: {dominant} dominates"
         if orders[0] is not None and orders[1] is not None:

@@ -26,6 +26,7 @@ MOST_NEIGHBOURS = {1: 200, 2: 1000, 3: 4000}
 GRID = {1: 129, 2: 49, 3: 33}  # values of Δx/h that are looked at first: dips are narrow in 1D
 LENGTHS = 25  # values of h/λ that are looked at for a wanted error
 LONGEST, SHORTEST = 0.5, 1e-5  # h/λ
+COARSEST = 0.5  # Δx/λ: a wave is not seen by less than two particles
 FINEST = 10**6  # Δx/h is a rational of at most this denominator
 
 
@@ -49,21 +50,26 @@ class Problem:
         if not 0 <= self.sigma <= 1:
             raise ValueError(f"jitter: got {self.sigma:g}, expected σ/Δx from 0 to 1")
 
+    def predict(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split]:
+        """The predicted error at Δx/h = r for every h/λ.
+
+        Raises ValueError where there is none.
+        """
+        return predict_waves(
+            kernel,
+            self.operator,
+            self.lattice or DEFAULT[self.dim],
+            Fraction(r).limit_denominator(FINEST),
+            (Fraction(0),) * self.dim,
+            lengths,
+            sigma=self.sigma,
+            distribution=self.distribution,
+        )
+
     def split(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split] | None:
-        """The predicted error at Δx/h = r for every h/λ; None where a correction is singular or
-        no neighbour is left."""
-        ratio = Fraction(r).limit_denominator(FINEST)
+        """The same, None where a correction is singular or no neighbour is left."""
         try:
-            return predict_waves(
-                kernel,
-                self.operator,
-                self.lattice or DEFAULT[self.dim],
-                ratio,
-                (Fraction(0),) * self.dim,
-                lengths,
-                sigma=self.sigma,
-                distribution=self.distribution,
-            )
+            return self.predict(kernel, r, lengths)
         except ValueError:
             return None
 
@@ -98,16 +104,14 @@ def setting(problem: Problem, kernel: Kernel, r: float, x: float) -> Setting:
 
     Raises ValueError where the estimate does not exist there.
     """
-    splits = problem.split(kernel, r, [x])
-    if splits is None:
-        raise ValueError(
-            f"dx-over-h: at {r:g} {kernel.name} has too few neighbours for this estimate;"
-            " expected a smaller ratio"
-        )
+    try:
+        (split,) = problem.predict(kernel, r, [x])
+    except ValueError as reason:
+        raise ValueError(f"no prediction for {kernel.name} at Δx/h = {r:g}: {reason}") from None
     neighbours = _neighbours(problem, kernel, r)
     particles = 1 / (r * x)
     cost = particles**problem.dim * neighbours
-    return Setting(kernel.name, r, x, neighbours, particles, cost, splits[0])
+    return Setting(kernel.name, r, x, neighbours, particles, cost, split)
 
 
 def _neighbours(problem: Problem, kernel: Kernel, r: float) -> float:
@@ -172,7 +176,7 @@ def best_at_error(problem: Problem, kernel: Kernel | str, error: float) -> Setti
 def _longest(problem: Problem, kernel: Kernel, r: float, error: float) -> float | None:
     """The largest h/λ at which the error is not larger than wanted, to 0.2 %; None if there is none
     between the limits."""
-    lengths = np.geomspace(SHORTEST, LONGEST, LENGTHS)
+    lengths = np.geomspace(SHORTEST, min(LONGEST, COARSEST / r), LENGTHS)
     while True:
         splits = problem.split(kernel, r, [float(x) for x in lengths])
         fit = [i for i, s in enumerate(splits or ()) if s.total <= error]
@@ -188,7 +192,7 @@ def _least(
 ) -> Setting:
     def error(logarithm: float) -> float:
         r = exp(logarithm)
-        if not SHORTEST <= x(r) <= LONGEST:
+        if not SHORTEST <= x(r) <= min(LONGEST, COARSEST / r * (1 + 1e-9)):
             return float("inf")
         splits = problem.split(kernel, r, [x(r)])
         return float("inf") if splits is None else splits[0].total
@@ -197,14 +201,18 @@ def _least(
     if error(log(r)) == float("inf"):
         raise ValueError(
             f"tune: no setting of {kernel.name} with at most {MOST_NEIGHBOURS[problem.dim]}"
-            f" neighbours has h/λ between {SHORTEST:g} and {LONGEST:g}; expected more particles or"
-            " a larger cost"
+            f" neighbours has h/λ between {SHORTEST:g} and {LONGEST:g} and two particles per"
+            " wavelength; expected another number of particles or pairs"
         )
     return setting(problem, kernel, r, x(r))
 
 
 def _grid(problem: Problem, kernel: Kernel) -> list[float]:
-    """Logarithms of Δx/h from the most neighbours to hardly any."""
+    """Logarithms of Δx/h from the most neighbours to hardly any.
+
+    Raises ValueError where there is no prediction even with many neighbours.
+    """
+    problem.predict(kernel, float(kernel.support) / 6, [0.05])
     dim = problem.dim
     kappa = float(kernel.support)
     least = kappa * (float(BALL[dim]) / MOST_NEIGHBOURS[dim]) ** (1 / dim)

@@ -8,7 +8,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from sympy import Rational, pi, sqrt
+from sympy import Rational, log, pi, simplify, sqrt
 
 from sphtrunc import kernel
 from sphtrunc.catalogue import names
@@ -143,3 +143,12 @@ def test_the_command(capsys):
         main(["convert", "--kernel", "cubic-spline", "--hdx", "1", "--h", "1"])
     assert stop.value.code == 2
     assert "exactly one" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["gaussian", "gaussian:3", "gaussian:2:infinite"])
+def test_gaussians_have_conventions_too(name):
+    """exp(−q²) falls to a half at q² = log 2, wherever it is cut; 2σ of the whole one is √2 h."""
+    found = convert(name, 3, hdx="6/5")
+    assert simplify(found["fwhm"] - Rational(12, 5) * sqrt(log(2))) == 0
+    assert simplify(convert("gaussian", 3, hdx="6/5")["eta"] - Rational(6, 5) * sqrt(2)) == 0
+    assert simplify(convert(name, 3, fwhm="2")["hdx"] - 1 / sqrt(log(2))) == 0
