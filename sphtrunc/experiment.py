@@ -169,10 +169,11 @@ def _stacked(read: Callable[[Any], Array], parts: list[Any] | None) -> Array | N
 
 def _nearer(bounded: Block, fine: Block) -> Block:
     """The bound by comparison with pairs of floats: the distance from them, and what they may be
-    off by, a small part of the bound by error analysis."""
+    off by, a small part of the bound by error analysis; which holds as well, so that an error of
+    the floats beyond it is not taken for rounding."""
 
     def bound(rough: Any, value: Any, rest: Any, radius: Any) -> Any:
-        return (np.abs((value - rough) + rest) + FINER * radius) * SLACK
+        return np.minimum((np.abs((value - rough) + rest) + FINER * radius) * SLACK, radius)
 
     shown = "estimates" if bounded.errors is None else "errors"
     moments = bounded.moment_rest or {}

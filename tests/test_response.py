@@ -236,6 +236,16 @@ def test_the_smoothing_part_does_not_depend_on_the_direction(dim):
         assert abs(ahead.smoothing - oblique.smoothing) <= 1e3 * 2.0**-53
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_hessian_tends_to_its_turned_limit(dim):
+    """∂ᵢ∂ⱼ of e^{ik·s} is −kᵢ kⱼ F(k) e^{ik·s}: the error of the components i <= j together."""
+    (found,) = predicted(Operator("hessian"), dim, "1/2", [0.1], direction=OBLIQUE[dim])
+    n = [x / sqrt(sum(y * y for y in OBLIQUE[dim])) for x in OBLIQUE[dim]]
+    size = sqrt(sum((n[i] * n[j]) ** 2 for i in range(dim) for j in range(i, dim)))
+    exact = float(smoothing_error(SHAPE, 2 * pi * 0.1, dim)) * size / sqrt(2)
+    assert abs(found.smoothing - exact) <= 1e-12
+
+
 def within(scene, operator, field, targets, beyond=0.0):
     """Whether measured = predicted to 4 standard errors, and `beyond` relative to the error."""
     theory = predict_error("wendland-c4", operator, scene, field)
