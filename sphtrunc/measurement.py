@@ -195,6 +195,8 @@ class Measurement:
             rows.append(f"rounding_bound,{self.rounding_bound!r},,,")
         for name in ("targets", "pairs", "pairs_full", "flagged"):
             rows.append(f"{name},{getattr(self, name)},,,")
+        if self.interrupted:
+            rows.append("interrupted,true,,,")
         return "\n".join(rows)
 
     def to_text(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 
@@ -35,8 +36,17 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
 
 
 def emit(text: str, path: str | Path | None) -> None:
-    """Print the text, or write it to the file if there is one."""
+    """Print the text, or write it to the file if there is one.
+
+    Raises ValueError where it cannot be written.
+    """
     if path is None:
-        print(text)
+        try:
+            print(text, flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:  # a full disk: what is left in the buffer goes nowhere
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise ValueError(f"output: {error.strerror or error}") from None
     else:
         write_atomically(path, text if text.endswith("\n") else text + "\n")

@@ -997,3 +997,4 @@ def test_interruption_keeps_what_was_measured() -> None:
     assert 0 < found.targets < 900_000
     assert "interrupted" in found.to_text()
     assert json.loads(found.to_json())["interrupted"] is True
+    assert found.to_csv().endswith("interrupted,true,,,")
