@@ -23,7 +23,7 @@ from sphtrunc.comparison import compare, predict_error
 from sphtrunc.experiment import measure
 from sphtrunc.fields import Bump, sinusoid
 from sphtrunc.lattice import KINDS
-from sphtrunc.lattice_sums import lattice_sums
+from sphtrunc.lattice_sums import lattice_moments, lattice_sums
 from sphtrunc.moments import Moments, multi_indices
 from sphtrunc.operators import Operator
 from sphtrunc.scene import jittered, lattice
@@ -58,6 +58,11 @@ CORRECTED = [
     *(Operator("gradient", f, c) for f in ("standard", "difference") for c in ("shepard", "csph")),
     *(Operator("gradient", "standard", c) for c in ("csph-shepard", "rkpm-1", "rkpm-2")),
     Operator("laplacian", "difference", "rkpm-2"),
+    Operator("laplacian", "fatehi-manzari"),
+]
+NESTED = [
+    *(Operator("laplacian", "nested", c) for c in ("none", "csph")),
+    *(Operator("hessian", "nested", c) for c in ("none", "shepard")),
 ]
 
 
@@ -90,9 +95,8 @@ LOW = {1: Fraction(1, 8), 2: Fraction(2, 5), 3: Fraction(3, 5)}
 
 def assert_within_bound(scene: Any, shape: Any, operator: Operator, degree: int) -> Any:
     """measured − derived, in 50 digits, against the bound of the measurement, which is returned."""
-    keys = operator.needed(scene.dim, degree)
-    sums = lattice_sums(shape, keys, scene.kind, scene.dx_over_h, scene.offset, False)
-    derived = operator.correct(sums, scene.dim, degree)
+    place = (scene.kind, scene.dx_over_h, scene.offset)
+    derived = lattice_moments(shape, operator, *place, degree, exact=False)
     found = measure(scene, shape, operator, moments=degree, bound=True, workers=1)
     bounds: Any = found.moment_bound
     for alpha in multi_indices(scene.dim, degree):
@@ -151,6 +155,16 @@ def test_corrections_on_lattices(scene: Any, name: str, operator: Operator) -> N
         assert bound[0] <= 1e5 * UNIT * condition * max(1.0, abs(found.moments[alpha][0]))
 
 
+@examples(150)
+@given(
+    scenes({1: Fraction(1, 6), 2: Fraction(2, 5), 3: Fraction(7, 10)}, Fraction(9, 10)),
+    st.sampled_from(["cubic-spline", "quintic-spline", "wendland-c2", "wendland-c4"]),
+    st.sampled_from(NESTED),
+)
+def test_gradients_of_gradients_on_every_lattice(scene: Any, name: str, operator: Operator) -> None:
+    assert_within_bound(scene, SHAPES[name], operator, 3)
+
+
 @pytest.mark.parametrize("name", names())
 def test_every_kernel_of_the_catalogue(name: str) -> None:
     dim = 1 + len(name) % 3
@@ -162,7 +176,7 @@ def test_every_kernel_of_the_catalogue(name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("operator", [CORRECTED[3], CORRECTED[-2]], ids=str)
+@pytest.mark.parametrize("operator", [CORRECTED[3], *CORRECTED[-3:], NESTED[1]], ids=str)
 def test_corrections_on_every_kind_of_lattice(kind: str, operator: Operator) -> None:
     dim = KINDS[kind].dim
     scene = lattice(dim, kind, "4/5", [Fraction(i + 1, 9) for i in range(dim)])
@@ -217,7 +231,7 @@ def disordered(draw: st.DrawFn) -> tuple[Any, float]:
     disordered(),
     st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
     st.sampled_from(
-        [*PLAIN[1:5], CORRECTED[3], CORRECTED[6], CORRECTED[8], Operator("laplacian", "brookshaw")]
+        [*PLAIN[1:5], CORRECTED[3], CORRECTED[6], CORRECTED[8], LAPLACIANS[1], CORRECTED[-1]]
     ),
 )
 def test_means_and_spreads_under_disorder(
@@ -226,8 +240,26 @@ def test_means_and_spreads_under_disorder(
     """Means within 4 standard errors. Spreads within 4 standard errors of a spread, and the few per
     cent that are of the next order in σ."""
     scene, _ = scene_and_sigma
-    targets = 2000
-    found = compare(scene, SHAPES[name], operator, degree=2, targets=targets)
+    assert_within_standard_errors(scene, name, operator, 2000)
+
+
+@examples(40)
+@given(
+    disordered(),
+    st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
+    st.sampled_from([NESTED[0], NESTED[2]]),
+)
+def test_gradients_of_gradients_under_disorder(
+    scene_and_sigma: tuple[Any, float], name: str, operator: Operator
+) -> None:
+    scene, _ = scene_and_sigma
+    targets = {1: 2000, 2: 300, 3: 100}[scene.dim]
+    assert_within_standard_errors(scene, name, operator, targets)
+
+
+def assert_within_standard_errors(scene: Any, name: str, operator: Operator, targets: int) -> None:
+    degree = max(2, operator.consistency + 1)  # up to its consistency nothing is spread
+    found = compare(scene, SHAPES[name], operator, degree=degree, targets=targets)
     values = found.measured.moments.values
     largest = max(found.predicted.std.values())
     floor = 1e-3 if found.predicted.how.startswith("second") else 0.15
@@ -302,7 +334,9 @@ def test_what_there_is_no_theory_for_is_said() -> None:
 # ---------------------------------------------------------------- that these tests can fail at all
 
 
-@pytest.mark.parametrize("operator", [PLAIN[0], PLAIN[2], CORRECTED[3], LAPLACIANS[1]], ids=str)
+@pytest.mark.parametrize(
+    "operator", [PLAIN[0], PLAIN[2], CORRECTED[3], LAPLACIANS[1], NESTED[0]], ids=str
+)
 def test_a_slightly_wrong_kernel_is_seen(operator: Operator) -> None:
     """One coefficient of the measured kernel changed by one part in 10¹²."""
     from sphtrunc import Kernel
@@ -312,10 +346,8 @@ def test_a_slightly_wrong_kernel_is_seen(operator: Operator) -> None:
     first[4] = first[4] * (1 + Fraction(1, 10**12))
     wrong = Kernel(shape.knots, [first])
     scene = lattice(2, "hexagonal", "1/2", ["1/5", "1/7"])
-    keys = operator.needed(2, 3)
-    derived = operator.correct(
-        lattice_sums(shape, keys, scene.kind, scene.dx_over_h, scene.offset, False), 2, 3
-    )
+    place = (scene.kind, scene.dx_over_h, scene.offset)
+    derived = lattice_moments(shape, operator, *place, 3, exact=False)
     found = measure(scene, wrong, operator, moments=3, bound=True)
     bounds: Any = found.moment_bound
     outside = [

@@ -25,7 +25,9 @@ from sphtrunc.experiment import measure
 from sphtrunc.fields import Values, field, sinusoid
 from sphtrunc.operators import Operator
 from sphtrunc.particles import particles
+from sphtrunc.response import predict_waves
 from sphtrunc.scene import graded, jittered, lattice
+from sphtrunc.spectrum import smoothing_error
 from sphtrunc.waves import waves
 
 U = 2.0**-53
@@ -446,6 +448,93 @@ def test_a_neighbour_without_neighbours_is_flagged() -> None:
     assert passes.flagged.tolist() == [False, True, False, False, True]
     assert found.flagged == 2
     assert found.first_flagged == (1, 4)
+
+
+# ------------------------------------------------------------------------------------- prediction
+
+
+@pytest.mark.parametrize(
+    ("kind", "ratio", "offset"),
+    [
+        ("uniform", "7/10", ("0",)),
+        ("uniform", "2/5", ("1/3",)),
+        ("hexagonal", "3/5", ("1/3", "1/5")),
+        ("hcp", "4/5", ("0", "0", "0")),
+    ],
+)
+def test_a_sinusoid_is_predicted_on_lattices(
+    kind: str, ratio: str, offset: tuple[str, ...]
+) -> None:
+    """The response K_i K_j, from particles and from beside them, one and two to a cell."""
+    dim = len(offset)
+    scene = lattice(dim, kind, ratio, list(offset))
+    lengths = (0.02, 0.3)
+    for operator in (
+        NESTED,
+        Operator("hessian", "nested"),
+        Operator("laplacian", "nested", "csph"),
+    ):
+        (row,) = waves(scene, "wendland-c4", [operator], lengths)
+        theory = predict_waves(
+            kernel("wendland-c4"), operator, kind, scene.dx_over_h, scene.offset, lengths
+        )
+        for length, one, split in zip(lengths, row, theory, strict=True):
+            # Σ|w| <= 100/h² and a few roundings, relative to k²
+            rounding = 1e3 * U * 100 / min(1.0, 2 * np.pi * length) ** 2
+            assert one.error is not None
+            assert abs(one.error["rms"] - split.total) <= rounding
+            assert split.disorder == 0.0
+
+
+def test_the_smoothing_part_is_one_less_the_square_of_the_transform() -> None:
+    shape = kernel("wendland-c2")
+    for dim in (1, 2, 3):
+        one_less = smoothing_error(shape, [2 * np.pi * 0.1], dim)
+        (split,) = predict_waves(
+            shape,
+            NESTED,
+            {1: "uniform", 2: "square", 3: "cubic"}[dim],
+            Fraction(1, 2),
+            (Fraction(0),) * dim,
+            [0.1],
+        )
+        f = 1.0 - float(one_less[0])
+        assert split.smoothing * np.sqrt(2.0) == pytest.approx(1.0 - f * f, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "sigma", "distribution", "rule"),
+    [
+        ("2/5", 0.2, "gaussian", "constant"),
+        ("1/2", 0.05, "blue", "constant"),
+        ("2/5", 0.05, "uniform", "cell"),
+    ],
+)
+def test_a_sinusoid_is_predicted_in_disorder(
+    ratio: str, sigma: float, distribution: str, rule: str
+) -> None:
+    """Within 5 % or three standard errors, in 1D, where displacements are taken to second order."""
+    scene = jittered(lattice(1, None, ratio, volume=rule), sigma, distribution)
+    lengths = (0.02, 0.1)
+    operators = [NESTED, Operator("laplacian", "nested", "csph")]
+    table = waves(scene, "wendland-c4", operators, lengths, targets=4000)
+    for operator, row in zip(operators, table, strict=True):
+        theory = predict_waves(
+            kernel("wendland-c4"),
+            operator,
+            "uniform",
+            scene.lattice.dx_over_h,
+            scene.lattice.offset,
+            lengths,
+            sigma=sigma,
+            distribution=distribution,
+            volume=rule,
+        )
+        for one, split in zip(row, theory, strict=True):
+            assert one.error is not None
+            low, high = one.error["rms_ci95"]
+            allowed = max(0.05 * one.error["rms"], 3 / 1.96 * (high - low) / 2)
+            assert abs(one.error["rms"] - split.total) <= allowed
 
 
 # ------------------------------------------------------------------------------ the command line

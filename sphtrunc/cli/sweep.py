@@ -22,7 +22,7 @@ _HELP = {
     "distribution": "gaussian, uniform or blue.",
     "volume": "constant, cell or summation.",
     "operator": "name, name/form or name/form/correction, as gradient/difference/csph.",
-    "form": "standard, difference, symmetric, paired, direct, brookshaw, fatehi-manzari.",
+    "form": "standard, difference, symmetric, paired, direct, brookshaw, fatehi-manzari, nested.",
     "correction": "none, shepard, csph, csph-shepard, rkpm-1 to rkpm-3.",
     "h-over-lambda": "Smoothing length over wavelength.",
 }
