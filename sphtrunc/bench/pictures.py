@@ -43,6 +43,7 @@ def _work(tables: list[Table]) -> Picture:
         "work-precision",
         "Error of the gradient of a sinusoid against time, at fixed resolution",
         tuple(panels),
+        note="the fastest of its form is on the left, the most accurate below",
     )
 
 
@@ -62,11 +63,17 @@ def _floor(table: Table) -> Picture:
         panels.append(
             Panel("h/λ", "relative rounding error", tuple(curves), title=form, legend=legend)
         )
-    return Picture("floor", "Largest rounding error (points) and its bound (lines)", tuple(panels))
+    caption = "Largest rounding error (points) and its bound (lines)"
+    return Picture("floor", caption, tuple(panels), note="a point above its line is a violation")
 
 
 def _scaling(table: Table) -> Picture:
     """Nanoseconds a pair against the number of particles."""
     x, y = [row[0] for row in table.rows], [row[2] for row in table.rows]
     panel = Panel("particles", "ns a pair", (measured("gradient, cubic spline", x, y),))
-    return Picture("engine-scaling", "Time per pair against the number of particles", (panel,))
+    return Picture(
+        "engine-scaling",
+        "Time per pair against the number of particles",
+        (panel,),
+        note="medians of three",
+    )
