@@ -306,7 +306,9 @@ def lattice_moments(
     dim = len(offset)
     keys = operator.needed(dim, degree)
     sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, volume)
-    if not any(sums.values()):
+    support = _support(kernel)
+    near = _shells(kind, dx_over_h, tuple(offset), support).squares
+    if not any(sums.values()) and all(square >= support**2 for square in near):
         raise ValueError(
             f"dx-over-h: got {dx_over_h}, and no particle is inside the support of"
             f" {kernel.support}h; expected a smaller ratio (did you mean h/Δx?)"

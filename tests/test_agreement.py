@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sphtrunc import derive, kernel
@@ -117,6 +117,7 @@ def assert_within_bound(scene: Any, shape: Any, operator: Operator, degree: int)
     st.sampled_from(PLAIN),
     st.integers(0, 3),
 )
+@example(lattice(1, "uniform", "1/8"), "cubic-spline", Operator("gradient"), 0)  # zero by symmetry
 def test_uncorrected_sums_on_every_lattice(
     scene: Any, name: str, operator: Operator, degree: int
 ) -> None:
