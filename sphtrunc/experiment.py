@@ -409,8 +409,6 @@ def _fields(
 ) -> tuple[Field, ...]:
     dim = scene.dim
     vector = operator.name in ("divergence", "curl")
-    if operator.name == "curl" and dim == 1:
-        raise ValueError("operator: there is no curl in 1D, expected dim 2 or 3")
     if field is None:
         return ()
     fields = tuple(field) if isinstance(field, (list, tuple)) else (field,) * (dim if vector else 1)

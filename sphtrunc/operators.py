@@ -159,9 +159,11 @@ class Operator:
         """The derivatives that each component of the estimate stands for, summed.
 
         One row for a value or a Laplacian, `dim` for a gradient (of which divergence and curl are
-        made), the pairs i <= j for a Hessian.
+        made), the pairs i <= j for a Hessian. Raises ValueError for a curl in 1D.
         """
         axes = range(dim)
+        if self.name == "curl" and dim == 1:
+            raise ValueError("operator: there is no curl in 1D, expected dim 2 or 3")
         if self.name == "laplacian":
             return [tuple(unit(dim, i, 2) for i in axes)]
         return [(mu,) for mu in multi_indices(dim, self.derivatives) if sum(mu) == self.derivatives]
