@@ -10,7 +10,8 @@ here), the target too unless it sits at an offset. Four levels, from the formula
   doi:10.1002/andp.19133480105), and V ∫ |ĝ|² (1 − e^{−σ²k²}) d^d k/(2π)^d is the variance;
 - propagation through the lattice, Var = σ² Σ_b |∂M/∂x_b|², for any operator, correction and rule
   for the volumes, by carrying ∂/∂x_b with every number; to order σ⁴ where there are few neighbours
-  and none is near a knot where the kernel is too rough for that;
+  and none is near a knot where the kernel is too rough for that (of the nested form always the
+  mean, see `sphtrunc.curvature`);
 - for independent displacements and constant volumes, averages over the displacements of every
   particle, of any size (`sphtrunc.response`), to first order in the algebra of a correction.
 """
@@ -24,6 +25,7 @@ from functools import lru_cache
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
+from sphtrunc.curvature import mean_shift
 from sphtrunc.kernel import SPHERE, Kernel, dimension, rational
 from sphtrunc.lattice import in_pairs
 from sphtrunc.lattice_sums import Laurent, angular, lattice_moments, laurent, parts
@@ -31,6 +33,8 @@ from sphtrunc.moments import MultiIndex, unit
 from sphtrunc.operators import NESTED, Key, Operator
 from sphtrunc.propagation import is_smooth, mixing, propagate, second_order
 from sphtrunc.response import scattered_moments
+from sphtrunc.second_neighbours import SecondNeighbours
+from sphtrunc.signals import Taylor
 from sphtrunc.stencil import Stencil, radial_values
 
 if TYPE_CHECKING:
@@ -123,14 +127,20 @@ def predict(
             how = "displacements of any size, particle by particle"
             variance |= {a: v for a, (_, v) in found.items()}
             mean |= {a: found[a][0] for a in moving}
+    elif nested and distribution != "blue":
+        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
+        shift = mean_shift(kernel, seen, Taylor([{a: 1.0} for a in moving]), sigma)
+        if shift is not None:
+            how += "; its mean to second order"
+            mean |= {a: mean[a] + float(x) for a, x in zip(moving, shift[:, axis, 0], strict=True)}
     elif not smooth:
         how += "; rough, as particles lie near knots where the kernel is not smooth"
     if operator.uncorrected and independent and distribution == "gaussian":
         part = operator.coefficients({}, dim)[axis]
         for alpha in moving:
             rows = moment_rows(part, alpha)
-            shift = mean_shift(kernel, rows, kind, dx_over_h, offset, sigma)
-            mean[alpha] = float(values[alpha]) + _copies(operator, alpha) * shift
+            damped = gaussian_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+            mean[alpha] = float(values[alpha]) + _copies(operator, alpha) * damped
         if how.startswith("first"):
             how = "closed form for Gaussian displacements"
             for alpha in variance:
@@ -326,7 +336,7 @@ def _symbol(rows: Sequence[Row]) -> dict[tuple[MultiIndex, int], complex] | None
     return result
 
 
-def mean_shift(
+def gaussian_shift(
     kernel: Kernel | Gaussian,
     rows: Sequence[Row],
     kind: str,

@@ -88,15 +88,18 @@ def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
     return weights
 
 
-def is_smooth(kernel: Kernel | Gaussian, operator: Operator, s: Array, spread: float) -> bool:
-    """Whether the third derivatives of the terms exist where displacements of that standard
-    deviation, in h, take most particles at s, (N, d): the second order needs them."""
+def is_smooth(
+    kernel: Kernel | Gaussian, operator: Operator, s: Array, spread: float, order: int = 3
+) -> bool:
+    """Whether so many derivatives of the terms exist where displacements of that standard
+    deviation, in h, take most particles at s, (N, d): the second order needs three of them, and
+    the mean alone two."""
     import numpy as np
 
     terms = {1} if operator.form == NESTED else {t for t, _ in operator.needed(s.shape[1], 0)}
     top = max(sum(term) if isinstance(term, tuple) else 1 for term in terms)
     smoothness = kernel.knot_smoothness()
-    rough = [float(knot) for knot, n in smoothness.items() if knot and n < top + 2]
+    rough = [float(knot) for knot, n in smoothness.items() if knot and n < top + order - 1]
     q = np.sqrt((s * s).sum(axis=1))
     return all(np.abs(q - knot).min() > 2.5 * spread for knot in rough)
 

@@ -73,7 +73,7 @@ class SecondNeighbours:
         self.outer = self.b == len(self.near)
         t = s[self.c] - at[self.b]
         itself = (t == 0.0).all(axis=1)
-        terms = Terms(kernel, t, itself)
+        self.terms = terms = Terms(kernel, t, itself)
         gradient = operator.gradient
         keys = gradient.needed(self.dim, 0)
         self.keys = [] if gradient.uncorrected else keys
@@ -86,8 +86,9 @@ class SecondNeighbours:
             _, first, places = np.unique([*sort, 2], return_index=True, return_inverse=True)
         else:
             first = places
+        self.first, self.sort = first, places  # a place of each sort, the sort of each place
         self.g = {key: terms.sampled(key) for key in keys}
-        rows = [self._coefficients(gradient, int(place)) for place in first]
+        rows = [self.coefficients(int(place)) for place in first]
         for key in (key for row in rows[0] for key in row):
             if key not in self.g:
                 self.g[key] = terms.sampled(key)
@@ -105,15 +106,17 @@ class SecondNeighbours:
         self.w = [self._weighted(j, 0) for j in range(self.dim)]
         self.dw = [self._weighted(j, 1) for j in range(self.dim)]
 
-    def _coefficients(self, gradient: Operator, place: int) -> list[dict[Key, Any]]:
+    def coefficients(self, place: int, change: Sequence[float] = ()) -> list[dict[Key, Any]]:
+        """The coefficients of the gradient at a place, with base sums changed by so much, and their
+        slopes with respect to these."""
         pairs = np.flatnonzero(self.b == place)
         v = self.volumes[self.c[pairs]]
-        slopes = np.eye(len(self.keys))
+        more, slopes = change or [0.0] * len(self.keys), np.eye(len(self.keys))
         means = {
-            key: Dual(float(v @ self.g[key][0][pairs]), slope)
-            for key, slope in zip(self.keys, slopes, strict=True)
+            key: Dual(float(v @ self.g[key][0][pairs]) + x, slope)
+            for key, x, slope in zip(self.keys, more, slopes, strict=True)
         }
-        return dual_coefficients(gradient, means, self.dim)
+        return dual_coefficients(self.operator.gradient, means, self.dim)
 
     def _weighted(self, j: int, order: int) -> Array:
         """w_j for every pair, (P,), or its gradient, (P, d)."""
@@ -126,7 +129,7 @@ class SecondNeighbours:
 
     def _sum(self, x: Array) -> Array:
         """Σ_c V_c x at every place."""
-        return _binned(self.b, self.volumes[self.c] * x, len(self.near) + 1)
+        return binned(self.b, self.volumes[self.c] * x, len(self.near) + 1)
 
     def estimate(self, signals: Signals) -> tuple[Array, Array]:
         """The estimates, (K, C, F), and √Σ of the squares of their terms."""
@@ -135,7 +138,7 @@ class SecondNeighbours:
         parts = np.zeros((len(values), len(rows), values.shape[1]))
         squares = np.zeros_like(parts)
         for k, f in np.ndindex(*values.shape[:2]):
-            difference = self._differences(values[k, f])
+            difference = self.differences(values[k, f])
             for c, row in enumerate(rows):
                 for i, j in row:
                     term = self.w[j] * difference
@@ -152,10 +155,10 @@ class SecondNeighbours:
         return {
             (k, c, f): slope
             for k, f in np.ndindex(*values.shape[:2])
-            for c, slope in enumerate(self._moved(self._differences(values[k, f]), ahead[k, f]))
+            for c, slope in enumerate(self._moved(self.differences(values[k, f]), ahead[k, f]))
         }
 
-    def _differences(self, values: Array) -> Array:
+    def differences(self, values: Array) -> Array:
         """A_c − A_b for every pair, from A less its value at the target, (M,)."""
         inside = np.concatenate([values[self.near], [0.0]])
         return np.asarray(values[self.c] - inside[self.b])
@@ -192,15 +195,15 @@ class SecondNeighbours:
                 y = (slope[:, m] * seen)[b]
                 psi = psi + y * self.g[other][0]
                 dpsi = dpsi + y[:, None] * self.g[other][1]
-        by_volume += _binned(c, weight * psi, len(v))
+        by_volume += binned(c, weight * psi, len(v))
         at_b = near[b[~outer]]
         for axis in range(self.dim):
             own = weight * v[c]
             at_c = own * (dpsi[:, axis] + self.w[j] * gradient[c, axis])
-            force[:, axis] += _binned(c, at_c, len(v))
+            force[:, axis] += binned(c, at_c, len(v))
             there = own[~outer] * self.w[j][~outer] * gradient[at_b, axis]
             there += own[~outer] * dpsi[~outer, axis]
-            force[:, axis] -= _binned(at_b, there, len(v))
+            force[:, axis] -= binned(at_b, there, len(v))
         psi, dpsi = self.w[i][outer] * rise, self.dw[i][outer] * rise[:, None]
         for key, slope in self.slope[i].items() if self.keys else ():
             seen_here = float(v[near] @ (self.g[key][0][outer] * rise))
@@ -212,7 +215,7 @@ class SecondNeighbours:
         force[near] += v[near, None] * dpsi
 
 
-def _binned(at: NDArray[Any], x: Array, count: int) -> Array:
+def binned(at: NDArray[Any], x: Array, count: int) -> Array:
     """Σ x over the entries of each of `count` places."""
     return np.asarray(np.bincount(at, weights=x, minlength=count), dtype=np.float64)
 

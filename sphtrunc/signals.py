@@ -57,6 +57,11 @@ class Waves:
         slope = np.stack([-np.sin(phase), np.cos(phase)], axis=1)
         return np.multiply.outer((slope.T * self.kappa).T, self.direction)
 
+    def laplacian(self, s: Array) -> Array:
+        """∇²f, (K, F, …)."""
+        value = (self.difference(s).T + self.own.T).T
+        return np.asarray((value.T * -(self.kappa**2)).T)
+
     def derivative(self, mu: MultiIndex) -> Array:
         """∂^μ f at the target, (K, F)."""
         n = sum(mu)
@@ -119,6 +124,17 @@ class Taylor:
                     if n:
                         lower = tuple(m - (j == i) for j, m in enumerate(alpha))
                         result[..., i] += c * n * np.prod(s**lower, axis=-1)
+        return total
+
+    def laplacian(self, s: Array) -> Array:
+        """∇²f, (K, F, …)."""
+        total = np.zeros((len(self.coefficients), 1, *s.shape[:-1]))
+        for one, result in zip(self.coefficients, total[:, 0], strict=True):
+            for alpha, c in one.items():
+                for i, n in enumerate(alpha):
+                    if n > 1:
+                        lower = tuple(m - 2 * (j == i) for j, m in enumerate(alpha))
+                        result += c * n * (n - 1) * np.prod(s**lower, axis=-1)
         return total
 
     def derivative(self, mu: MultiIndex) -> Array:

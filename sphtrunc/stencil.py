@@ -142,6 +142,26 @@ class Terms:
                     slope[:, i] += c * n * np.prod(s ** np.array(lowered), axis=1) * f
         return g, slope
 
+    def laplacian(self, key: Key) -> Array:
+        """∇²g of the term of a base sum, (N,); 0 at the target itself.
+
+        ∇²(s^β f) = f ∇²s^β + s^β [(2|β| + d) f′/q + q² (f′/q)′/q].
+        """
+        import numpy as np
+
+        s, dim = self.s, self.s.shape[1]
+        total: Array = np.zeros_like(self.q)
+        for c, beta, name in parts(key):
+            f, df, ddf = (self._radial_at(name, order) for order in range(3))
+            monomial = np.prod(s ** np.array(beta), axis=1)
+            total += c * monomial * ((2 * sum(beta) + dim) * df + self.q**2 * ddf)
+            for i, n in enumerate(beta):
+                if n > 1:
+                    lowered = tuple(m - 2 * (j == i) for j, m in enumerate(beta))
+                    total += c * n * (n - 1) * np.prod(s ** np.array(lowered), axis=1) * f
+        total[self.itself] = 0.0
+        return total
+
 
 class Stencil:
     """The neighbours of one target on a lattice, with what their displacements change.

@@ -26,6 +26,7 @@ OPERATORS = [
     Operator("laplacian", "difference"),
     Operator("laplacian", "fatehi-manzari"),
     Operator("hessian", "difference"),
+    Operator("laplacian", "nested"),
 ]
 
 

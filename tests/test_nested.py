@@ -20,13 +20,18 @@ from sympy import Rational, log
 from sphtrunc import derive, kernel
 from sphtrunc.catalogue import names
 from sphtrunc.cli import group
+from sphtrunc.curvature import mean_shift
+from sphtrunc.disorder import predict
 from sphtrunc.estimates import estimates, weights
 from sphtrunc.experiment import measure
 from sphtrunc.fields import Values, field, sinusoid
+from sphtrunc.moments import unit
 from sphtrunc.operators import Operator
 from sphtrunc.particles import particles
 from sphtrunc.response import predict_waves
 from sphtrunc.scene import graded, jittered, lattice
+from sphtrunc.second_neighbours import SecondNeighbours
+from sphtrunc.signals import Taylor
 from sphtrunc.spectrum import smoothing_error
 from sphtrunc.waves import waves
 
@@ -535,6 +540,72 @@ def test_a_sinusoid_is_predicted_in_disorder(
             low, high = one.error["rms_ci95"]
             allowed = max(0.05 * one.error["rms"], 3 / 1.96 * (high - low) / 2)
             assert abs(one.error["rms"] - split.total) <= allowed
+
+
+@pytest.mark.parametrize("correction", ["none", "rkpm-1"])
+def test_the_mean_shift_is_half_the_laplacian_of_the_estimate(correction: str) -> None:
+    """½ Σ_p ∇²_p of the estimate of (x − x_a)² by moving one particle after the other, by ±ε and
+    ±2ε: second differences are off by c ε² + …, with 3c ε² the difference of the two."""
+    shape, ratio, step = kernel("wendland-c4"), Fraction(9, 10), 2.0**-9
+    x = float(ratio) * np.array(list(product(range(-5, 6), repeat=2)), dtype=np.float64)
+    home = int(np.flatnonzero((x == 0).all(axis=1))[0])
+    operator = Operator("hessian", "nested", correction)
+
+    def estimate(moved: Any) -> Any:
+        values = ((moved - moved[home]) ** 2)[:, 0]
+        scene = particles(moved, h=1.0, volume=float(ratio) ** 2)
+        return estimates(scene, shape, operator, values, targets=[home]).values[0, :, 0]
+
+    still, totals = estimate(x), []
+    for ahead in (step, 2 * step):
+        total = np.zeros_like(still)
+        for p in np.flatnonzero((x**2).sum(axis=1) ** 0.5 <= 4 + 2 * step):
+            for axis, side in product((0, 1), (-ahead, ahead)):
+                moved = x.copy()
+                moved[p, axis] += side
+                total += estimate(moved) - still
+        totals.append(total / ahead**2)
+    seen = SecondNeighbours(shape, operator, "square", ratio, (Fraction(0),) * 2)
+    (found,) = mean_shift(shape, seen, Taylor([{(2, 0): 1.0}]), 0.01)
+    size = np.abs(totals[0]).max()
+    assert size > 0.2
+    # 250 differences of estimates of Σ|w|² <= 100, good to 10³ u
+    rounding = 250 * 1e3 * U * 100 / step**2
+    allowed = np.abs(totals[1] - totals[0]) + rounding
+    assert allowed.max() < 1e-2 * size
+    expected = 0.5 * (0.01 * float(ratio)) ** 2
+    assert np.all(np.abs(found[:, 0] / expected - totals[0]) <= allowed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ratio", "correction", "sigma", "targets"),
+    [
+        ("square", "3/5", "none", 0.05, 1500),
+        ("square", "3/5", "csph", 0.1, 1500),
+        ("hexagonal", "1/2", "none", 0.1, 1000),
+        ("cubic", "7/10", "none", 0.1, 300),
+        ("cubic", "7/10", "csph", 0.1, 300),
+    ],
+)
+def test_the_mean_in_disorder_is_of_second_order(
+    kind: str, ratio: str, correction: str, sigma: float, targets: int
+) -> None:
+    """M_(2,0) and M_(0,2) within 4 standard errors, of which the lattice is farther."""
+    dim = 3 if kind == "cubic" else 2
+    scene = jittered(lattice(dim, kind, ratio), sigma)
+    shape, operator = kernel("wendland-c4"), Operator("laplacian", "nested", correction)
+    moments = measure(scene, shape, operator, moments=2, targets=targets).moments
+    still, moved = (
+        predict(shape, operator, kind, Fraction(ratio), (Fraction(0),) * dim, sigma=s, degree=2)
+        for s in (0.0, sigma)
+    )
+    away = []
+    for alpha in (unit(dim, 0, 2), unit(dim, 1, 2)):
+        error = moments[alpha].std() / targets**0.5
+        assert abs(moments[alpha].mean() - moved.mean[alpha]) <= 4 * error
+        away.append(abs(moments[alpha].mean() - still.mean[alpha]) / error)
+    assert max(away) > (2 if dim == 3 else 5)
+    assert "mean to second order" in moved.how
 
 
 # ------------------------------------------------------------------------------ the command line
