@@ -24,7 +24,7 @@ from sphtrunc.estimates import in_one_pass
 from sphtrunc.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.kernel import Kernel
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
-from sphtrunc.nested import CELLS as CELLS
+from sphtrunc.neighbourhood import CELLS
 from sphtrunc.operators import NESTED, PAIRED, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.particles import Particles

@@ -76,6 +76,11 @@ class Gaussian:
         """No polynomials."""
         return ()
 
+    @property
+    def curved_at_0(self) -> bool:
+        """Ŵ″ exists at the origin."""
+        return True
+
     def coefficients(self) -> tuple[tuple[Rational, ...], ...]:
         """None."""
         return ()

@@ -157,6 +157,11 @@ class Kernel:
         """The highest degree of any piece."""
         return max(int(p.degree()) for p in self.pieces if not p.is_zero)
 
+    @property
+    def curved_at_0(self) -> bool:
+        """Whether Ŵ″ exists at the origin in any dimension: w′(0) = 0."""
+        return bool(self.pieces[0].diff().eval(0) == 0)
+
     def derivative(self) -> tuple[Poly, ...]:
         """The pieces of w′(q), knot by knot (without the delta functions of a jump)."""
         return tuple(p.diff(q) for p in self.pieces)

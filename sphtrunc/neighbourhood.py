@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Indices: TypeAlias = NDArray[np.int64]
 Triple: TypeAlias = tuple[Any, Any, Any]  # values, low parts or None, bounds of errors or None
 
+CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
 EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
 
 

@@ -20,7 +20,7 @@ from sphtrunc.arithmetic import Health
 from sphtrunc.digits import Exact
 from sphtrunc.lattice import KINDS
 from sphtrunc.moments import MultiIndex, add, multi_indices
-from sphtrunc.neighbourhood import EDGE, Indices, Neighbourhood, compact, fraction, fractions
+from sphtrunc.neighbourhood import CELLS, EDGE, Indices, Neighbourhood, compact, fraction, fractions
 from sphtrunc.operators import combine, shifted
 from sphtrunc.particles import Particles
 from sphtrunc.scene import Lattice, Scene
@@ -30,8 +30,6 @@ from sphtrunc.sums import Weights
 if TYPE_CHECKING:
     from sphtrunc.experiment import Task
     from sphtrunc.kernel import Kernel
-
-CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
 
 
 @dataclass(frozen=True, kw_only=True)

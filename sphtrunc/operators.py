@@ -48,7 +48,6 @@ OPERATORS = {
     "hessian": (2, ("direct", "difference", NESTED)),
 }
 #: what the exact theory in `derive` covers
-DERIVATIVES = {"value": 0, "gradient": 1}
 FORMS = ("standard", "difference")
 UNCORRECTED = ("symmetric", PAIRED, BROOKSHAW, FATEHI_MANZARI)
 CORRECTIONS = ("none", "shepard", "csph", "csph-shepard", "rkpm-1", "rkpm-2", "rkpm-3")

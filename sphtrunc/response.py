@@ -270,7 +270,7 @@ class _Particles:
                 value[near] = radial_values(self.kernel, name, q[near], self.dim)
                 if name == "w":
                     value[~near] = self.kernel.w(0.0, self.dim)
-                elif name == "w1" and not near.all() and _curvature_at_0(self.kernel):
+                elif name == "w1" and not near.all() and self.kernel.curved_at_0:
                     value[~near] = self.kernel.d2w(0.0, self.dim)
                 radial[name] = value
             return radial[name]
@@ -442,12 +442,6 @@ def _slopes(
                 slope = slope + float(stencil.volumes @ (sampled[key][0] * seen)) * x.slope
             result[i, c, f] = slope
     return result
-
-
-def _curvature_at_0(kernel: Kernel | Gaussian) -> bool:
-    """Whether Ŵ″(0) exists; a Gaussian has no pieces and is smooth there."""
-    pieces = getattr(kernel, "pieces", ())
-    return not pieces or bool(pieces[0].diff().eval(0) == 0)
 
 
 def _nodes(distribution: str, spread: float, dim: int, moving: bool) -> tuple[Array, Array]:

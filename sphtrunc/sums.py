@@ -192,8 +192,7 @@ def _second(
     result = curvature * both - around * (float(i == j) - both)
     if not np.any(at_target):
         return result
-    pieces = getattr(kernel, "pieces", ())  # a Gaussian has none, and is smooth at 0
-    if i == j and pieces and pieces[0].diff().eval(0) != 0:
+    if i == j and not kernel.curved_at_0:
         raise ValueError(
             f"form: the second derivatives of {kernel.name} do not exist at the particle itself in"
             f" {dim}D; expected the form difference or brookshaw"

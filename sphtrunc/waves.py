@@ -24,9 +24,10 @@ import numpy as np
 
 from sphtrunc import nested
 from sphtrunc.arithmetic import Health, Plain
-from sphtrunc.experiment import CELLS, Task, _chosen, until
+from sphtrunc.experiment import Task, _chosen, until
 from sphtrunc.fields import Sinusoid, sinusoid
 from sphtrunc.measurement import Block, Measurement, gathered, relative_width, squares
+from sphtrunc.neighbourhood import CELLS
 from sphtrunc.operators import NESTED, Operator
 from sphtrunc.parse import kernel as parse_kernel
 from sphtrunc.scene import Indices, Lattice, Scene, paired
