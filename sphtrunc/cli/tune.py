@@ -158,11 +158,16 @@ _AIMS = ("error", "particles_per_wavelength", "particles", "pairs", "seconds")
 
 def _runs(given: dict[str, Any], problem: Any, kernel: Any) -> dict[str, Any]:
     """The runs of a table, and what is found of them."""
-    from sphtrunc.study.plateaus import explain, findings, read_table
+    from sphtrunc.study.plateaus import explain, explanations, findings, read_table
 
     rows = read_table(given["table"], problem.dim, given["wavelength"], given["box"])
     runs = explain(problem, kernel, rows)
-    return {"runs": runs, "findings": findings(problem, kernel, runs)}
+    found = explanations(problem, kernel, runs)
+    return {
+        "runs": runs,
+        "explanations": [model.to_dict() for model in found],
+        "findings": findings(problem, kernel, runs, found),
+    }
 
 
 _HEAD = (
@@ -209,7 +214,11 @@ def _text(document: dict[str, Any]) -> str:
         "",
     ]
     if "runs" in document:
-        return "\n".join([*lines, *_table(document["runs"]), "", *_said(document["findings"])])
+        lines += _table(document["runs"])
+        for model in document["explanations"]:
+            if model["runs"] != document["runs"]:
+                lines += ["", f"With {model['name']}:", *_table(model["runs"])]
+        return "\n".join([*lines, "", *_said(document["findings"])])
     best = document["recommended"][0]
     found = [
         f"Take {best['kernel']} with h = {1 / best['dx_over_h']:.3g} Δx: Δx/h ="
