@@ -26,6 +26,7 @@ Run = dict[str, Any]
 
 ALIKE = 2.0  # measured over predicted, either way: norms of an error differ by as much
 LEAST, MOST = 1e-4, 0.6  # σ/Δx that are tried on runs whose disorder is not known
+LITTLE = 0.05  # a part of an error that is not worth an explanation
 TRIED = 5  # of the runs
 STEEP = 0.5  # powers of Δx that differ by more are those of different parts, which are integers
 WAVES = np.geomspace(16.0, 1 / 16, 33)  # wavelengths that are tried, in λ
@@ -338,8 +339,8 @@ def power_text(base: str, power: Fraction) -> str:
 
 
 def _disorder_of(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float | None:
-    """The σ/Δx at which the median of measured over predicted is one, 0 where it is less at any,
-    None where it is more."""
+    """The σ/Δx at which the median of measured over predicted is one, 0 where it is not more
+    without any disorder, None where it is more with all."""
 
     def median(sigma: float) -> float | None:
         other = replace(problem, sigma=sigma)
@@ -352,6 +353,9 @@ def _disorder_of(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float
             found.append(log(run["error"] / splits[0].total))
         return float(np.median(found))
 
+    none = median(0.0)
+    if none is not None and none < LITTLE:
+        return 0.0
     low, high = log(LEAST), log(MOST)
     for _ in range(14):
         middle = 0.5 * (low + high)
@@ -360,8 +364,6 @@ def _disorder_of(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float
             high = middle
         else:
             low = middle
-    if exp(low) < 1.01 * LEAST:
-        return 0.0
     return exp(low) if exp(low) < 0.99 * MOST else None
 
 
