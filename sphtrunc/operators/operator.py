@@ -109,8 +109,8 @@ class Operator:
 
     @property
     def copies(self) -> int:
-        """1 + c where the estimate sees A_b + c A_a, for equal densities: what it sees of a constant
-        field. 0 for differences, 1 for A_b alone, 2 for the symmetric form."""
+        """1 + c where the estimate sees A_b + c A_a, for equal densities: how much of a constant
+        field it sees. 0 for differences, 1 for A_b alone, 2 for the symmetric form."""
         return {"standard": 1, "direct": 1, SYMMETRIC: 2}.get(str(self.form), 0)
 
     @property
