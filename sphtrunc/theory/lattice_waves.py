@@ -27,13 +27,14 @@ import numpy as np
 from sympy import QQ, Symbol, cyclotomic_poly
 from sympy.polys.rings import ring
 
-from sphtrunc.brillouin import scale
-from sphtrunc.kernel import Kernel
-from sphtrunc.lattice import KINDS, sites, units
-from sphtrunc.lattice_sums import _radial, _shells, _support, real_context
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.scenes.sites import KINDS, sites, units
+from sphtrunc.theory.brillouin import scale
+from sphtrunc.theory.lattice_sums import _radial, _shells, real_context
 
 if TYPE_CHECKING:
-    from sphtrunc.gaussian import Gaussian
+    from sphtrunc.kernels.gaussian import Gaussian
 
 #: roots of unity up to this order are calculated with exactly
 MOST_TURNS = 4096
@@ -109,8 +110,7 @@ class LatticeWaves:
         s = self.offsets
         unit = np.eye(self.dim, dtype=int)
         return (
-            self.f1[:, None, None] * unit
-            + self.f2[:, None, None] * s[:, :, None] * s[:, None, :]
+            self.f1[:, None, None] * unit + self.f2[:, None, None] * s[:, :, None] * s[:, None, :]
         )
 
     def total(self, weights: Any) -> Any:
@@ -166,7 +166,7 @@ class Scan:
     """Many waves on one lattice at any Δx/h: the phases are those of integer points, so they are
     taken once.
 
-    kappa: (K, d), see `sphtrunc.brillouin`; reach: the largest κ_kernel h/Δx that will be asked for
+    kappa: (K, d), see `brillouin`; reach: the largest support/Δx that will be asked for
     staggered: the neighbours are the points midway between particles on a line, which move with the
         mean of their two
     """
@@ -280,7 +280,9 @@ def reduced(value: Any, order: int) -> Any:
 @lru_cache(maxsize=64)
 def _cyclotomic(order: int) -> Any:
     x = Symbol("z")
-    return _ring.from_dense([QQ(int(c)) for c in cyclotomic_poly(order, x, polys=True).all_coeffs()])
+    return _ring.from_dense(
+        [QQ(int(c)) for c in cyclotomic_poly(order, x, polys=True).all_coeffs()]
+    )
 
 
 def _rational(value: Fraction) -> Any:
@@ -386,8 +388,8 @@ def _one(
     dim = KINDS[kind].dim
     ctx = real_context()
     shift = Fraction(1, 2) if staggered else Fraction(0)
-    shells = _shells(kind, ratio, (shift,) * dim, _support(kernel))
-    if shells.x.shape[1] == 0 or all(q2 >= _support(kernel) ** 2 for q2 in shells.squares):
+    shells = _shells(kind, ratio, (shift,) * dim, fraction(kernel.support))
+    if shells.x.shape[1] == 0 or all(q2 >= fraction(kernel.support) ** 2 for q2 in shells.squares):
         raise ValueError(_no_neighbours(str(ratio), kernel))
     radial = {}
     for name in ("w", "w1", "w2"):
@@ -406,12 +408,12 @@ def _one(
     s = np.array([[c * u for c, u in zip(row, step, strict=True)] for row in m], dtype=object)
     bottom = 2 if staggered else 1  # `step` is the unit over it
     along = [sum(c * n for c, n in zip(kappa, row, strict=True)) / bottom for row in m]
-    versine = np.array([phases.versine(t) for t in along], dtype=object)
+    versines = [phases.versine(t) for t in along]
     if staggered:  # 1 − cos(kΔx/2) cos k·r
-        versine = 1 - phases.cosine(kappa[0] / 2) * (1 - versine)
+        half = phases.cosine(kappa[0] / 2)
+        versines = [1 - half * (1 - v) for v in versines]
     if isinstance(kernel, Kernel):
-        first = Fraction(int(kernel.pieces[0].eval(0).p), int(kernel.pieces[0].eval(0).q))
-        home = phases.number(first)
+        home = phases.number(fraction(kernel.pieces[0].eval(0)))
     else:
         home = kernel.radial_mp(ctx, "w", ctx.zero, dim)
     if volume == "summation":
@@ -420,9 +422,7 @@ def _one(
     else:
         sigma = kernel.normalisation(dim)
         cell = phases.number(ratio**dim) * (
-            phases.number(Fraction(int(sigma.p), int(sigma.q)))
-            if exact
-            else ctx.mpf(str(sigma.evalf(60)))
+            phases.number(fraction(sigma)) if exact else ctx.mpf(str(sigma.evalf(60)))
         )
     rule = KINDS[kind].turned
     return LatticeWaves(
@@ -433,7 +433,7 @@ def _one(
         home=home,
         volume=cell,
         sine=np.array([phases.sine(t) for t in along], dtype=object),
-        versine=versine,
+        versine=np.array(versines, dtype=object),
         other=None if rule is None else np.asarray(rule(np.array(m).T)),
         exact=exact,
     )

@@ -2,7 +2,7 @@
 lattice.
 
 With displacements ξ exp(ik·X − iωt), ω² are the eigenvalues of D(k), in units of c²/h². For every
-form of `sphtrunc.forces` whose ends see the same gradient, with Φ = own + other,
+form of `sphtrunc.operators.forces` whose ends see the same gradient, with Φ = own + other,
 
     D = V² (∂Φ/∂ρ_b) S Sᵀ + V Φ T,      S = Σ ∇W sin k·r,   T = Σ ∇∇W (1 − cos k·r)      (ρ = c = 1)
 
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.forces import (
+from sphtrunc.operators.forces import (
     CORRECTED,
     GRAD_H,
     PLAIN,
@@ -31,8 +31,9 @@ from sphtrunc.forces import (
     ArtificialStress,
     Force,
 )
-from sphtrunc.lattice import KINDS
-from sphtrunc.lattice_waves import LatticeWaves
+from sphtrunc.scenes.sites import KINDS
+from sphtrunc.theory.lattice_waves import LatticeWaves
+
 
 class Tangent:
     """A number with its derivative: a + bε, ε² = 0, over any field."""
@@ -142,9 +143,7 @@ def dynamical(
         if rest.pull != 0:
             matrix = matrix + rest.pull * waves.tensor(waves.hessian)
         if stress is not None and pressure < 0:
-            matrix = matrix - stress.epsilon * _stressed(
-                waves, rest, stress.power, spacing, into
-            )
+            matrix = matrix - stress.epsilon * _stressed(waves, rest, stress.power, spacing, into)
         return matrix
     if force.gradient == REFERENCE:  # the pressure of the reference state cancels
         return out @ into
@@ -161,9 +160,7 @@ def dynamical(
     raise ValueError(f"form: {force.name} has an unknown gradient {force.gradient!r}")
 
 
-def _stressed(
-    waves: LatticeWaves, rest: Response, power: int, spacing: Any, into: Any
-) -> Any:
+def _stressed(waves: LatticeWaves, rest: Response, power: int, spacing: Any, into: Any) -> Any:
     """The terms of K = fⁿ∇W in place of ∇W, ∇K = fⁿ∇∇W + n f^{n−1} ∇W∇Wᵀ/W(Δp)."""
     f = waves.f0 / spacing
     g = waves.gradient
@@ -199,7 +196,7 @@ def _corrected(waves: LatticeWaves, out: Any, into: Any) -> Any:
     δB = −V (S ξᵀ + Σ sin(k·r) r (H·ξ)) + δρ V Σ cos(k·r) ∇W rᵀ.
     """
     d = waves.dim
-    s, g = waves.offsets, waves.gradient
+    s = waves.offsets
     bent = s[:, :, None, None] * waves.hessian[:, None, :, :]  # r_j H_il
     if waves.sine.ndim > 1:
         return np.stack([_corrected_one(waves, w, o, i, bent, d) for w, o, i in zip(

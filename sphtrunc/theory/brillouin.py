@@ -1,9 +1,9 @@
 """The Brillouin zone: which plane waves of displacements a lattice tells apart.
 
 A wavevector is written κ, one number per axis, for k_i = π κ_i/u_i with the unit u_i of
-`sphtrunc.lattice` along that axis, so that the phase of an integer point m is π Σ κ_i m_i: rational
-turns for every rational κ, on every lattice. Waves that differ by a reciprocal vector are the same
-displacement, so κ is taken as short as it can be.
+`sphtrunc.scenes.sites` along that axis, so that the phase of an integer point m is π Σ κ_i m_i:
+rational turns for every rational κ, on every lattice. Waves that differ by a reciprocal vector are
+the same displacement, so κ is taken as short as it can be.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from itertools import product
 from math import pi
 from typing import TYPE_CHECKING, Any
 
-from sphtrunc.elimination import eliminate
-from sphtrunc.lattice import KINDS, units
+from sphtrunc.arithmetic.elimination import eliminate
+from sphtrunc.scenes.sites import KINDS, units
 
 if TYPE_CHECKING:
     import numpy as np
