@@ -103,8 +103,15 @@ def respond(force: Force, pressure: Any) -> Response:
     return Response(own.value, other.value, own.slope, other.slope)
 
 
-def require(force: Force, kind: str, stress: ArtificialStress | None = None) -> None:
+def require(
+    force: Force, kind: str, stress: ArtificialStress | None = None, volume: str = "summation"
+) -> None:
     """Raises ValueError where there is no formula for this form on this lattice."""
+    if force.gradient == GRAD_H and volume != "summation":
+        raise ValueError(
+            f"volume: got {volume} for the form {force.name}, whose h follows the summed density;"
+            " expected summation"
+        )
     if force.gradient == STAGGERED and kind != "uniform":
         raise ValueError(
             f"form: {force.name} has stress points midway between neighbours on a line; on the"

@@ -162,6 +162,27 @@ class LatticeWaves:
 # --------------------------------------------------------------------------------- many waves
 
 
+@lru_cache(maxsize=16)
+def _around(kind: str, reach: float, staggered: bool) -> tuple[Any, Any, Any]:
+    """Integer points m (d, M) by distance, positions (M, d) in Δx, and which lie on the other
+    sublattice; of two neighbours at ±r one."""
+    dim = KINDS[kind].dim
+    m = sites(kind, reach, (Fraction(0),) * dim)
+    rule = KINDS[kind].turned
+    other = None if rule is None else np.asarray(rule(m))
+    keep = np.any(m != 0, axis=0) | staggered
+    if rule is None:
+        first = np.zeros(m.shape[1])
+        for row in m + 0.5 * staggered:
+            first = np.where(first == 0, np.sign(row), first)
+        keep &= first > 0
+    place = m + 0.5 * staggered
+    r = place.T * np.array([float(u) for u in units(kind)])
+    order = np.flatnonzero(keep)
+    order = order[np.argsort((r[order] ** 2).sum(axis=1), kind="stable")]
+    return place[:, order], r[order], None if other is None else other[order]
+
+
 class Scan:
     """Many waves on one lattice at any Δx/h: the phases are those of integer points, so they are
     taken once.
@@ -172,25 +193,9 @@ class Scan:
     """
 
     def __init__(self, kind: str, kappa: Any, reach: float, staggered: bool = False) -> None:
-        self.kind, self.staggered = kind, staggered
+        self.kind, self.staggered, self.reach = kind, staggered, reach
         self.kappa = np.asarray(kappa, dtype=float)
-        dim = KINDS[kind].dim
-        m = sites(kind, reach, (Fraction(0),) * dim).astype(float)
-        if staggered:
-            m = m + 0.5
-        r = (m.T * np.array([float(u) for u in units(kind)])).astype(float)
-        rule = KINDS[kind].turned
-        other = None if rule is None else np.asarray(rule(m.astype(np.int64)))
-        keep = np.any(m != 0, axis=0)
-        if rule is None:  # of two neighbours at ±r one, which then counts twice
-            first = np.zeros(m.shape[1])
-            for row in m:
-                first = np.where(first == 0, np.sign(row), first)
-            keep &= first > 0
-        order = np.flatnonzero(keep)
-        order = order[np.argsort((r[order] ** 2).sum(axis=1), kind="stable")]
-        self.r, m = r[order], m[:, order]
-        self.other = None if other is None else other[order]
+        m, self.r, self.other = _around(kind, reach, staggered)
         self.distance = np.sqrt((self.r**2).sum(axis=1))
         turns = self.kappa @ m  # in half turns
         turns -= 2 * np.rint(turns / 2)
@@ -199,6 +204,10 @@ class Scan:
         if staggered:  # 1 − cos(kΔx/2) cos k·r
             half = 2 * np.sin(np.pi / 4 * self.kappa) ** 2
             self.versine = half + (1 - half) * self.versine
+
+    def of(self, kappa: Any) -> Scan:
+        """Other waves on the same particles."""
+        return Scan(self.kind, kappa, self.reach, self.staggered)
 
     @property
     def k(self) -> Any:

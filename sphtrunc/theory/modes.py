@@ -71,7 +71,7 @@ class Rest:
             raise ValueError(f"dx-over-h: got {self.ratio}, expected a positive number")
         if self.volume not in VOLUMES:
             raise ValueError(f"volume: got {self.volume!r}, expected one of {', '.join(VOLUMES)}")
-        require(self.force, self.kind, self.stress)
+        require(self.force, self.kind, self.stress, self.volume)
         if self.stress is not None and self.stress.spacing * self.ratio >= self.kernel.support:
             raise ValueError(
                 f"remedy: the kernel is zero at Δp = {self.stress.spacing} Δx; expected Δx/h below"
@@ -124,22 +124,24 @@ class Rest:
         """ω² of all waves of a scan, in floats."""
         waves = scan.at(self.kernel, float(self.ratio), self.volume)
         p = float(self.pressure)
-        return spectrum(self.matrix(waves, p), scan, float(self.ratio), self._rounding(waves))
+        bound = float(self.rounding(waves, p))
+        return spectrum(self.matrix(waves, p), scan, float(self.ratio), bound)
 
-    def _rounding(self, waves: LatticeWaves) -> float:
-        """A bound of what rounding does to an ω²: γ of the sums times the sizes of their terms.
+    def rounding(self, waves: LatticeWaves, pressure: Any) -> Any:
+        """A bound of what rounding does to an ω², for a pressure or an array of them: γ of the sums
+        times the sizes of their terms.
 
-        Every term g sin k·r has at most 30 roundings (kernel 8, offset and phase 8 each, products)
-        and no more than 32 sites are met in half a turn of phase; sums of M terms add M.
+        A term g sin k·r has at most 30 roundings (8 of the kernel and of its argument, 8 of the
+        phase, products), and its size is taken without the sine; M of them add M.
         """
-        rest = respond(self.force, float(self.pressure))
+        rest = respond(self.force, pressure)
         v = waves.volume * waves.count
         size = np.sqrt(waves.squares)
         slope = v * float(np.abs(waves.f1 * size).sum())
         bend = v * float((np.abs(waves.f1) + np.abs(waves.f2) * waves.squares).sum())
-        grown = waves.dim + 2 if self.force.gradient not in (PLAIN, STAGGERED, REFERENCE) else 1
-        terms = abs(rest.slope) * slope**2 + 2 * abs(rest.pull) * bend
-        return float(2 * (len(size) + 64) * UNIT * grown * terms)
+        changing = self.force.gradient not in (PLAIN, STAGGERED, REFERENCE)
+        terms = np.abs(rest.slope) * slope**2 + 2 * np.abs(rest.pull) * bend
+        return 2 * (len(size) + 64) * UNIT * (waves.dim + 2 if changing else 1) * terms
 
     # -- one wave ----------------------------------------------------------------------------------
 
@@ -179,8 +181,8 @@ class Rest:
         small = ctx.mpf(10) ** -10
         rates = []
         for k in (small, 2 * small):
-            kappa = [k / float(self.ratio) / scale(self.kind)[0], *[ctx.zero] * (self.dim - 1)]
-            length = kappa[0] * _wide_unit(self.kind) * _wide(self.ratio)
+            kappa = [k * float(self.ratio) / scale(self.kind)[0], *[ctx.zero] * (self.dim - 1)]
+            length = kappa[0] * _wide_unit(self.kind) / _wide(self.ratio)  # kh
             waves = precise_wave(
                 self.kernel, self.kind, self.ratio, kappa, self.volume, self.staggered
             )
@@ -247,25 +249,38 @@ def growth(omega2: Any) -> Any:
     return np.abs(np.sqrt(np.asarray(omega2).astype(complex)).imag)
 
 
+def eigenvalues(matrix: Any) -> Any:
+    """Of matrices (…, n, n), (…, n), by their real parts; real where the matrices are Hermitian, or
+    where what is imaginary can be the rounding of a defective one, the root of u."""
+    if matrix.shape[-1] == 1:
+        return matrix[..., 0].real
+    size = np.abs(matrix).max()
+    if _hermitian(matrix, size):
+        return np.linalg.eigvalsh(matrix)
+    values = np.sort_complex(np.linalg.eigvals(matrix))
+    return values.real if np.abs(values.imag).max() <= 10 * sqrt(UNIT) * size else values
+
+
+def _hermitian(matrix: Any, size: Any) -> bool:
+    return bool(np.abs(matrix - np.conj(np.swapaxes(matrix, -1, -2))).max() <= 1e-12 * size)
+
+
 def _eigen(matrix: Any, direction: Array) -> tuple[Any, Any]:
     """Eigenvalues, (K, nd) increasing, and which are longitudinal: the one (of every particle in
     the cell) that moves most along k. Where branches meet, what can be is taken along k."""
     d = direction.shape[1]
+    values = eigenvalues(matrix)
+    if d == 1:
+        return values, np.ones(values.shape, dtype=bool)
     cells = matrix.shape[-1] // d
-    turned = np.conj(np.swapaxes(matrix, -1, -2))
     size = np.abs(matrix).max(axis=(-1, -2))
     push = np.tile(direction, cells)  # tells equal eigenvalues apart
-    tilt = 1e-9 * size[:, None, None] * push[:, :, None] * push[:, None, :]
-    if (np.abs(matrix - turned).max(axis=(-1, -2)) <= 1e-12 * size).all():
-        values = np.linalg.eigvalsh(matrix)
-        _, vectors = np.linalg.eigh(matrix + tilt)
+    tilted = matrix + 1e-9 * size[:, None, None] * push[:, :, None] * push[:, None, :]
+    if _hermitian(matrix, size.max()):
+        _, vectors = np.linalg.eigh(tilted)
     else:
-        values = np.linalg.eigvals(matrix)
-        values = np.take_along_axis(values, np.argsort(values.real, axis=1), axis=1)
-        if np.abs(values.imag).max() <= 1e-7 * size.max():
-            values = values.real
-        tilted, vectors = np.linalg.eig(matrix + tilt)
-        order = np.argsort(tilted.real, axis=1)
+        moved, vectors = np.linalg.eig(tilted)
+        order = np.argsort(moved.real, axis=1)
         vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     parts = vectors.reshape(len(matrix), cells, d, -1)
     share = (np.abs(np.einsum("kcdm,kd->kcm", parts, direction)) ** 2).sum(axis=1)
