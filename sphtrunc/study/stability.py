@@ -132,7 +132,8 @@ def stability(rest: Rest, ranges: bool = True) -> Stability:
     seen = rest.frequencies(scan)
     branches = {branch: _worst(rest, scan, seen, branch) for branch in branches_of(rest.dim)}
     stable = {
-        b: (w.relative if w.omega2 is None else w.omega2) >= -seen.rounding
+        b: bool((lowest(seen, b) >= -seen.rounding).all())
+        and (w.omega2 is None or w.omega2 >= -seen.rounding)
         for b, w in branches.items()
     }
     highest, at = _refine(

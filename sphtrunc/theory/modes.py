@@ -415,7 +415,7 @@ def _modes(
     values: list[list[Any]], texts: dict[float, str], kind: str, kappa: Sequence[Any]
 ) -> list[Mode]:
     size = max(abs(x) for row in values for x in row)
-    none = size * real_context().mpf(10) ** -40  # what is left of zero in 50 digits
+    none = (1 + size) * real_context().mpf(10) ** -40  # what is left of zero in 50 digits
     found = [x if abs(x) > none else x * 0 for x in _eigenvalues(values)]
     k = np.array([float(c) for c in kappa]) * scale(kind)
     direction = (k / sqrt(float(k @ k)))[None, :]
