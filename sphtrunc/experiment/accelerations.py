@@ -11,7 +11,7 @@ Lengths are in any one unit, masses are 1/N of what fills the box at the density
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -61,6 +61,7 @@ class Fluid:
     h: float
     stress: ArtificialStress | None = None
     density: str = "summation"
+    _near: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         reach = 2 * float(self.kernel.support) * self.h
@@ -122,22 +123,33 @@ class Pairs:
 
 
 def pairs(fluid: Fluid, x: Any, others: Any = None, reach: float = 1.0) -> Pairs:
-    """The pairs of particles at x (N, d), or of particles with `others`, within reach supports."""
+    """The pairs of particles at x (N, d), or of particles with `others`, within reach supports.
+
+    Those of the start are looked for once: a complex step does not move them.
+    """
+    if others is None and np.array_equal(x.real, fluid.start):
+        if reach not in fluid._near:
+            fluid._near[reach] = _search(fluid, fluid.start, None, reach)
+        a, b = fluid._near[reach]
+    else:
+        a, b = _search(fluid, x.real, None if others is None else others.real, reach)
+    r = x[a] - (x if others is None else others)[b]
+    return Pairs(a, b, r - fluid.period * np.rint(r.real / fluid.period), len(x))
+
+
+def _search(fluid: Fluid, x: Array, others: Array | None, reach: float) -> tuple[Any, Any]:
     from scipy.spatial import cKDTree
 
     box = fluid.period
-    radius = reach * float(fluid.kernel.support) * fluid.h * (1 + 1e-12)
-    here = np.mod(x.real, box)
-    there = here if others is None else np.mod(others.real, box)
+    here = np.mod(x, box)
+    here = np.where(here < box, here, 0.0)
+    there = here if others is None else np.mod(others, box)
     tree = cKDTree(np.where(there < box, there, 0.0), boxsize=box)
-    near = tree.query_ball_point(np.where(here < box, here, 0.0), radius, return_sorted=True)
+    radius = reach * float(fluid.kernel.support) * fluid.h * (1 + 1e-12)
+    near = tree.query_ball_point(here, radius, return_sorted=True)
     a = np.repeat(np.arange(len(x)), [len(row) for row in near])
     b = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
-    if others is None:
-        a, b = a[a != b], b[a != b]
-        others = x
-    r = x[a] - others[b]
-    return Pairs(a, b, r - box * np.rint(r.real / box), len(x))
+    return (a[a != b], b[a != b]) if others is None else (a, b)
 
 
 # ---------------------------------------------------------------------------------- accelerations
