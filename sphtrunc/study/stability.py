@@ -445,7 +445,7 @@ class Map:
 
 
 def stability_map(rest: Rest, ratios: Sequence[float], pressures: Sequence[float]) -> Map:
-    """Every pair of Δx/h and p = P₀/(ρc²). D is a straight line in p on either side of 0."""
+    """Every pair of Δx/h and p = P₀/(ρc²). D is a straight line in p >= 0 and in p < 0."""
     support = float(rest.kernel.support)
     scan = rest.scan(waves(rest.kind, COARSE[rest.dim]), support / min(ratios))
     p = np.asarray(pressures, dtype=float)
@@ -454,9 +454,13 @@ def stability_map(rest: Rest, ratios: Sequence[float], pressures: Sequence[float
     for j, r in enumerate(ratios):
         at = replace(rest, ratio=Fraction(float(r)))
         lattice = scan.at(rest.kernel, float(r), rest.volume)
-        none, press, pull = (at.matrix(lattice, x) for x in (0.0, 1.0, -1.0))
-        sides = np.where((p >= 0)[:, None, None, None], press - none, pull - none)
-        matrices = none + np.abs(p)[:, None, None, None] * sides
+        line = []
+        for sign in (1.0, -1.0):  # artificial stress sets in at once where tension begins
+            one, two = (at.matrix(lattice, sign * x) for x in (1.0, 2.0))
+            line.append((2 * one - two, two - one))
+        tension = (p < 0)[:, None, None, None]
+        none, slope = (np.where(tension, pull, press) for press, pull in zip(*line, strict=True))
+        matrices = none + np.abs(p)[:, None, None, None] * slope
         values = eigenvalues(matrices)
         bound = at.rounding(lattice, p)[:, None, None]
         grown = np.abs(np.sqrt(values.astype(complex)).imag)

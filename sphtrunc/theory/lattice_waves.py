@@ -28,7 +28,9 @@ from sympy import QQ, Symbol, cyclotomic_poly
 from sympy.polys.rings import ring
 
 from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.operators.terms import CURVATURE, SLOPE, VALUE
 from sphtrunc.scenes.sites import KINDS, sites, units
 from sphtrunc.theory.brillouin import scale
 from sphtrunc.theory.lattice_sums import _radial, _shells, real_context
@@ -230,15 +232,14 @@ class Scan:
             raise ValueError(_no_neighbours(f"{ratio:g}", kernel))
         s, q = ratio * self.r[:n], ratio * self.distance[:n]
         pair = 2 if self.other is None else 1
-        w, dw, d2w = kernel.w(q, dim), kernel.dw(q, dim), kernel.d2w(q, dim)
-        f1 = dw / q
+        f0, f1, f2 = (factor_values(kernel, k, q, dim) for k in (VALUE, SLOPE, CURVATURE))
         home = float(kernel.w(0.0, dim))
-        density = home + pair * float(w.sum())
+        density = home + pair * float(f0.sum())
         return LatticeWaves(
             offsets=s,
-            f0=w,
+            f0=f0,
             f1=f1,
-            f2=(d2w - f1) / q**2,
+            f2=f2,
             home=home,
             volume=1 / density if volume == "summation" and not self.staggered else ratio**dim,
             sine=self.sine[:, :n],
@@ -401,14 +402,14 @@ def _one(
     if shells.x.shape[1] == 0 or all(q2 >= fraction(kernel.support) ** 2 for q2 in shells.squares):
         raise ValueError(_no_neighbours(str(ratio), kernel))
     radial = {}
-    for name in ("w", "w1", "w2"):
-        values = _radial(kernel, name, shells.squares, exact, dim)
+    for k in (VALUE, SLOPE, CURVATURE):
+        values = _radial(kernel, k, shells.squares, exact, dim)
         if values is None:
             return None
-        radial[name] = [phases.number(v) if exact else v for v in values]
+        radial[k] = [phases.number(v) if exact else v for v in values]
     counts = np.diff([*shells.starts, shells.x.shape[1]])
     per_point = {
-        name: np.repeat(np.array(values, dtype=object), counts) for name, values in radial.items()
+        k: np.repeat(np.array(values, dtype=object), counts) for k, values in radial.items()
     }
     m = [[int(c) for c in row] for row in shells.x.T]
     if staggered:
@@ -424,9 +425,9 @@ def _one(
     if isinstance(kernel, Kernel):
         home = phases.number(fraction(kernel.pieces[0].eval(0)))
     else:
-        home = kernel.radial_mp(ctx, "w", ctx.zero, dim)
+        home = kernel.radial_mp(ctx, VALUE, ctx.zero, dim)
     if volume == "summation":
-        density = home + per_point["w"].sum()
+        density = home + per_point[VALUE].sum()
         cell = 1 / density
     else:
         sigma = kernel.normalisation(dim)
@@ -436,9 +437,9 @@ def _one(
     rule = KINDS[kind].turned
     return LatticeWaves(
         offsets=s,
-        f0=per_point["w"],
-        f1=per_point["w1"],
-        f2=per_point["w2"],
+        f0=per_point[VALUE],
+        f1=per_point[SLOPE],
+        f2=per_point[CURVATURE],
         home=home,
         volume=cell,
         sine=np.array([phases.sine(t) for t in along], dtype=object),

@@ -21,6 +21,7 @@ from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.forces import PLAIN, REFERENCE, STAGGERED, ArtificialStress, Force
+from sphtrunc.operators.terms import VALUE
 from sphtrunc.scenes.sites import KINDS
 from sphtrunc.theory.brillouin import halves, scale
 from sphtrunc.theory.dispersion import dynamical, require, respond
@@ -105,7 +106,7 @@ class Rest:
             return float(self.kernel.w(float(place), self.dim))
         if not isinstance(self.kernel, Kernel):
             ctx = real_context()
-            return self.kernel.radial_mp(ctx, "w", ctx.mpf(place.numerator) / place.denominator,
+            return self.kernel.radial_mp(ctx, VALUE, ctx.mpf(place.numerator) / place.denominator,
                                          self.dim)  # fmt: skip
         piece = next(
             p for p, k in zip(self.kernel.pieces, self.kernel.knots[1:], strict=True) if place < k
