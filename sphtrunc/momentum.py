@@ -1,4 +1,4 @@
-"""Momentum equations and density rates of SPH, each as the parts of a pair matrix.
+"""Momentum equations and density rates on particles, each as the parts of a pair matrix.
 
 A force is linear in the pressure, m a = Q P, and a density rate in the velocity, ρ̇ = D v. With
 u̇ = (P/ρ²) ρ̇ the rate of the total energy is v·(Q P) + P·(m/ρ²) D v, which is zero for every v and
@@ -6,41 +6,51 @@ P if and only if D = −(ρ²/m) Qᵀ: a force has one partner, its adjoint. Mom
 every P if and only if the columns of Q add up to zero, which says of the partner that it sees
 differences of velocities alone.
 
-Forms: Monaghan (1992) doi:10.1146/annurev.aa.30.090192.002551; corrected: Bonet & Lok (1999)
-doi:10.1016/S0045-7825(99)00051-1; the geometric mean: Hernquist & Katz (1989) doi:10.1086/191344;
-grad-h: Springel & Hernquist (2002) doi:10.1046/j.1365-8711.2002.05445.x.
+The forms are those of `sphtrunc.forces`; here their weights become arrays, their gradients kernels
+of h_a or h_b. Beside them RKPM-1: collocated, Σ P_b ∇ψ_b(x_a), and Galerkin's, Σ V_qP_q ∇ψ_a(x_q)
+(Bonet & Kulasegaram 2000, doi:10.1002/(SICI)1097-0207(20000228)47:6<1189::AID-NME830>3.0.CO;2-I,
+on corrected kernels and the energy).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import MOST_CONDITION, Health
+from sphtrunc.arithmetic import MOST_CONDITION, Health, Plain
 from sphtrunc.bounded import Ball, Bounded
-from sphtrunc.arithmetic import Plain
 from sphtrunc.engine import pair_sums
 from sphtrunc.estimates import solve
-from sphtrunc.moments import unit
+from sphtrunc.forces import CORRECTED, FORCES, GRAD_H, PLAIN, RATES, Force, Rate
+from sphtrunc.moments import add, unit
 from sphtrunc.operators import Key, Operator
-from sphtrunc.pairwise import Cloud, Part, adjoint, gradient_parts, scaled
+from sphtrunc.pairwise import Cloud, Part, act, adjoint, scaled
 from sphtrunc.particles import particles
 from sphtrunc.summation import UNIT, Array
 
-#: rule: sides of the kernel in the particle's own term and in the neighbours', each with its
-#: weight, and whether both are divided by their particle's Ω
-H_RULES: dict[str, tuple[tuple[tuple[str, float], ...], tuple[tuple[str, float], ...], bool]] = {
-    "gather": ((("a", 1.0),), (("a", 1.0),), False),
-    "scatter": ((("b", 1.0),), (("b", 1.0),), False),
-    "mean": ((("mean", 1.0),), (("mean", 1.0),), False),
-    "mean-kernel": ((("a", 0.5), ("b", 0.5)), (("a", 0.5), ("b", 0.5)), False),
-    "no-omega": ((("a", 1.0),), (("b", 1.0),), False),
-    "grad-h": ((("a", 1.0),), (("b", 1.0),), True),
+Sides = tuple[tuple[str, float], ...]  # sides of the kernel, each with its share
+
+_A, _B, _MEAN, _BOTH = (
+    (("a", 1.0),),
+    (("b", 1.0),),
+    (("mean", 1.0),),
+    (("a", 0.5), ("b", 0.5)),
+)
+#: rule: sides of the gradients K_a and K_b that the two ends of a pair see
+H_RULES: dict[str, tuple[Sides, Sides]] = {
+    "constant": (_MEAN, _MEAN),
+    "gather": (_A, _A),
+    "scatter": (_B, _B),
+    "mean": (_MEAN, _MEAN),
+    "mean-kernel": (_BOTH, _BOTH),
+    "no-omega": (_A, _B),
+    "grad-h": (_A, _B),
 }
+VARYING = tuple(rule for rule in H_RULES if rule != "constant")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,365 +74,284 @@ class State:
         return self.mass / self.density
 
     @cached_property
-    def ones(self) -> Array:
-        return np.ones(self.cloud.count)
-
-    @cached_property
     def per_square(self) -> Array:
         """m/ρ²."""
         return self.mass / (self.density * self.density)
 
     @cached_property
     def omega(self) -> Array:
-        """Ω_a = Σ_i m[e_i, e_i]/(d ρ_a): 1 + (h/dρ) ∂ρ/∂h, the sums weighted with m, h of a."""
-        zero = unit(self.dim, 0, 0)
-        axes = [unit(self.dim, i) for i in range(self.dim)]
-        keys: list[Key] = [(zero, zero), *((e, e) for e in axes)]
-        scene = self._weighted(self.mass)
-        sums = pair_sums(scene, self.cloud.kernel, keys, workers=self.cloud.workers).base
-        return sum(sums[e, e] for e in axes) / (self.dim * sums[zero, zero])
+        """Ω = 1 + (h/dρ) ∂ρ/∂h of the summation ρ = Σ m W(h_a), which is Σ_i m[e_i, e_i]/(d ρ)."""
+        return grad_h(self.cloud, self.mass)[1]
 
     @cached_property
-    def correction(self) -> Array:
-        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW of h_a."""
-        return self._correction[0]
+    def _corrections(self) -> dict[Sides, tuple[Array, Array]]:
+        return {}
 
-    @cached_property
-    def defect(self) -> Array:
-        """(n,) how far C B may be from 1, every entry: the sums' rounding and the solution's."""
-        return self._correction[1]
+    def correction(self, sides: Sides) -> tuple[Array, Array]:
+        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides, and how far any
+        entry of C B may be from 1, (n,): by the rounding of the sums and of the solution."""
+        if sides not in self._corrections:
+            self._corrections[sides] = self._corrected(sides)
+        return self._corrections[sides]
 
-    @cached_property
-    def _correction(self) -> tuple[Array, Array]:
-        dim = self.dim
-        axes = [unit(dim, i) for i in range(dim)]
-        keys: list[Key] = [(e, f) for e in axes for f in axes]
-        found = pair_sums(
-            self._weighted(self.volume),
-            self.cloud.kernel,
-            keys,
-            bound=True,
-            workers=self.cloud.workers,
-        )
-        assert found.base_bound is not None
-        b = [[found.base[e, f] for f in axes] for e in axes]
+    def _corrected(self, sides: Sides) -> tuple[Array, Array]:
+        dim, n = self.dim, self.cloud.count
+        ones = np.ones(n)
+        requests = [
+            (
+                [
+                    Part(i, side, (unit(dim, i), unit(dim, j)), share * ones, self.volume, True)
+                    for side, share in sides
+                    for i in range(dim)
+                ],
+                ones,
+            )
+            for j in range(dim)
+        ]
+        columns = act(self.cloud, requests, bound=True)
+        b = [[columns[j].value[i] for j in range(dim)] for i in range(dim)]
         health = Health()
-        identity = [[float(i == j) for j in range(dim)] for i in range(dim)]
-        c = solve(b, identity, health)
-        _require(health, found.others, "csph")
-        off = np.zeros(self.cloud.count)
+        c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
+        _require(health, n, "csph")
+        off = np.zeros(n)
         for i in range(dim):
             for j in range(dim):
-                rest: Any = -float(i == j)
-                size: Any = float(i == j)
+                terms = [c[i][k] * b[k][j] for k in range(dim)]
+                size = float(i == j) + sum(np.abs(x) for x in terms)
+                off += np.abs(sum(terms) - float(i == j)) + (dim + 2.0) * UNIT * size
                 for k in range(dim):
-                    rest = rest + c[i][k] * b[k][j]
-                    size = size + np.abs(c[i][k] * b[k][j])
-                    off = np.maximum(off, 0.0) + np.abs(c[i][k]) * (
-                        found.base_bound[axes[k], axes[j]]
-                    )
-                off = off + np.abs(rest) + (dim + 2.0) * UNIT * size
-        return np.stack([np.stack(row) for row in c]), off
+                    bound = columns[j].bound
+                    assert bound is not None
+                    off += np.abs(c[i][k]) * bound[k]
+        return np.stack([np.stack([np.broadcast_to(x, (n,)) for x in row]) for row in c]), off
 
     @cached_property
     def reproducing(self) -> tuple[list[dict[Key, Array]], Array]:
         """c[δ, γ] of the gradient of the RKPM-1 kernel at every particle, in units of 1/h, and how
-        far its sums of constant fields may be from zero, (n,), in units of 1/h."""
+        far its sums of linear fields may be from their values, (n,), in the same units."""
         operator = Operator("gradient", "standard", "rkpm-1")
-        needed = operator.needed(self.dim, 0)
-        found = pair_sums(
-            self._weighted(self.volume),
-            self.cloud.kernel,
-            needed,
-            bound=True,
-            workers=self.cloud.workers,
-        )
+        cloud, dim = self.cloud, self.dim
+        needed = operator.needed(dim, 1)
+        scene = particles(cloud.x.T, h=cloud.h, volume=self.volume, period=cloud.period)
+        found = pair_sums(scene, cloud.kernel, needed, bound=True, workers=cloud.workers)
         assert found.base_bound is not None
         number, health = Bounded(Plain()), Health()
+        none = np.zeros(cloud.count)
         balls = {
-            key: Ball(found.base[key], np.zeros(self.cloud.count), {i: found.base_bound[key]})
+            key: Ball(found.base[key], none, {i: found.base_bound[key]})
             for i, key in enumerate(needed)
         }
         rows = operator.coefficients(
-            balls, self.dim, lambda matrix, columns: number.solve(matrix, columns, health)
+            balls, dim, lambda matrix, columns: number.solve(matrix, columns, health)
         )
-        _require(health, found.others, "rkpm-1")
-        zero = unit(self.dim, 0, 0)
-        off = np.zeros(self.cloud.count)
+        _require(health, cloud.count, "rkpm-1")
+        off = np.zeros(cloud.count)
         middles: list[dict[Key, Array]] = []
-        for row in rows:
-            part = {key: np.broadcast_to(number.value(c), off.shape) for key, c in row.items()}
-            total = sum((c * balls[d, _sum(zero, g)] for (d, g), c in row.items()), 0)
-            off = off + np.abs(number.value(total)) + number.rest(total)
-            middles.append({key: np.array(c) for key, c in part.items()})
+        for axis, row in enumerate(rows):
+            middles.append({k: np.broadcast_to(number.value(c), none.shape) for k, c in row.items()})
+            for alpha in (unit(dim, 0, 0), *(unit(dim, i) for i in range(dim))):
+                total = sum((c * balls[d, add(alpha, g)] for (d, g), c in row.items()), 0)
+                off += np.abs(number.value(total) - float(alpha == unit(dim, axis)))
+                off += number.rest(total)
         return middles, off
 
-    def _weighted(self, weight: Array) -> Any:
-        cloud = self.cloud
-        return particles(cloud.x.T, h=cloud.h, volume=weight, period=cloud.period, mode="gather")
+
+def grad_h(cloud: Cloud, mass: Array) -> tuple[Array, Array]:
+    """ρ_a = Σ m_b W(x_ab, h_a) and Ω_a = 1 + (h_a/dρ_a) ∂ρ_a/∂h_a, (n,) each."""
+    dim = cloud.dim
+    zero = unit(dim, 0, 0)
+    axes = [unit(dim, i) for i in range(dim)]
+    keys: list[Key] = [(zero, zero), *((e, e) for e in axes)]
+    scene = particles(cloud.x.T, h=cloud.h, volume=mass, period=cloud.period)
+    sums = pair_sums(scene, cloud.kernel, keys, workers=cloud.workers).base
+    density = sums[zero, zero]
+    return density, np.asarray(sum(sums[e, e] for e in axes) / (dim * density))
 
 
-def _sum(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(x + y for x, y in zip(a, b, strict=True))
-
-
-def _require(health: Health, others: Any, name: str) -> None:
-    condition = np.broadcast_to(health.condition, others.shape)
+def _require(health: Health, count: int, name: str) -> None:
+    condition = np.broadcast_to(health.condition, (count,))
     bad = np.flatnonzero(~(condition <= MOST_CONDITION))
     if bad.size:
         raise ValueError(
             f"correction: the matrix of {name} at {bad.size} particles is too near to singular; the"
-            f" first is particle {bad[0]} with {others[bad[0]]} neighbours; expected a larger h,"
-            " or no correction"
+            f" first is particle {bad[0]}; expected a larger h, or no correction"
         )
 
 
-# ------------------------------------------------------------------------------ building blocks
-
-Column = list[tuple[Array, Array]]  # rows (l, r) of a scalar factor
+# ------------------------------------------------------------------------ weights become factors
 
 
-def _pair(
-    state: State,
-    rule: str,
-    own: list[tuple[Array, Array]],
-    other: list[tuple[Array, Array]],
-    axes: list[tuple[int, int]] | None = None,
-) -> list[Part]:
-    """Parts of −Σ [own_a ∇W A_a + other ∇W A_b] for rows (l, r), on the sides of the rule.
+def _factors(weight: Callable[..., Any], density: Array) -> tuple[Array, Array] | None:
+    """l, r with weight(ρ_a, ρ_b) = l_a r_b, of a weight that is such a product; None if it is 0.
 
-    axes: for each row of both, (component, axis of ∇W); None: every component from its own axis
+    Raises ValueError where it is not such a product.
     """
-    sides, others, omega = H_RULES[rule]
+    one = np.float64(1.0)
+    scale = float(weight(one, one))
+    if scale == 0.0:
+        return None
+    left = np.broadcast_to(np.asarray(weight(density, one), dtype=np.float64), density.shape)
+    right = np.broadcast_to(np.asarray(weight(one, density), dtype=np.float64), density.shape)
+    right = right / scale
+    two, three = np.float64(2.0), np.float64(3.0)
+    product = weight(two, one) * weight(one, three) / scale
+    if abs(weight(two, three) - product) > 8.0 * UNIT * abs(product):
+        raise ValueError("form: its weight is not a product of one factor for each particle")
+    return left, right
+
+
+def _ends(
+    state: State, rule: str, gradient: str, end: str, left: Array, right: Array, own: bool
+) -> Iterator[Part]:
+    """Parts of l_a Σ r_b K A: K = K_a or K_b (`end`) on the sides of the rule, with Ω or C."""
+    sides = H_RULES[rule][end == "b"]
     dim = state.dim
-    made = []
-    per_omega = 1.0 / state.omega if omega else None
-    for rows, where, mine in ((own, sides, True), (other, others, False)):
-        for n, (left, right) in enumerate(rows):
-            if per_omega is not None:
-                left, right = (left * per_omega, right) if mine else (left, right * per_omega)
-            pairs = [(i, i) for i in range(dim)] if axes is None else [axes[n]]
-            for side, weight in where:
-                for component, axis in pairs:
-                    part = gradient_parts(side, axis, dim, -weight * left, right, own=mine)
-                    made.append(Part(component, side, part.key, part.left, part.right, mine))
-    return made
+    zero = unit(dim, 0, 0)
+    diagonal = [(i, i) for i in range(dim)]
+    rows = [(left, right, diagonal)]
+    if gradient == GRAD_H:
+        per = 1.0 / state.omega
+        rows = [(left * per, right, diagonal) if end == "a" else (left, right * per, diagonal)]
+    elif gradient == CORRECTED:
+        c = state.correction(H_RULES[rule][0])[0]
+        axes = [(i, j) for i in range(dim) for j in range(dim)]
+        rows = [
+            (left * c[i, j], right, [(i, j)]) if end == "a" else (left, right * c[i, j], [(i, j)])
+            for i, j in axes
+        ]
+    for l_row, r_row, axes in rows:
+        for side, share in sides:
+            for component, axis in axes:
+                yield Part(component, side, (unit(dim, axis), zero), share * l_row, r_row, own)
 
 
-# --------------------------------------------------------------------------------------- forces
-
-
-def _symmetric(state: State, rule: str) -> list[Part]:
-    """−m_a Σ m_b (P_a/ρ_a² + P_b/ρ_b²) ∇W."""
-    return _pair(
-        state, rule, [(state.per_square, state.mass)], [(state.mass, state.per_square)]
-    )
-
-
-def _product(state: State, rule: str) -> list[Part]:
-    """−m_a Σ m_b (P_a + P_b)/(ρ_aρ_b) ∇W."""
-    volume = state.volume
-    return _pair(state, rule, [(volume, volume)], [(volume, volume)])
-
-
-def _geometric(state: State, rule: str) -> list[Part]:
-    """−m_a Σ m_b 2√(P_aP_b)/(ρ_aρ_b) ∇W, as it acts on P_a and P_b alike."""
-    if not np.all(state.pressure > 0.0):
-        raise ValueError("form: geometric takes the root of P_aP_b; expected positive pressures")
-    root = np.sqrt(state.pressure)
-    over, times = state.volume / root, state.volume * root
-    return _pair(state, rule, [(over, times)], [(times, over)])
-
-
-def _difference(state: State, rule: str) -> list[Part]:
-    """−m_a Σ m_b (P_b − P_a)/(ρ_aρ_b) ∇W."""
-    volume = state.volume
-    return _pair(state, rule, [(-volume, volume)], [(volume, volume)])
-
-
-def _tensor(state: State, where: str, weight: Array) -> tuple[list[Any], list[tuple[int, int]]]:
-    """Rows of factors weight·C, of the particle ("a") or of the neighbour, and their axes."""
-    c, dim = state.correction, state.dim
-    axes = [(i, j) for i in range(dim) for j in range(dim)]
-    rows = [
-        (weight * c[i, j], state.volume) if where == "a" else (state.volume, weight * c[i, j])
-        for i, j in axes
-    ]
-    return rows, axes
-
-
-def _corrected_difference(state: State, rule: str) -> list[Part]:
-    """−V_a Σ V_b (P_b − P_a) C_a∇W."""
-    rows, axes = _tensor(state, "a", state.volume)
-    own = [(-left, right) for left, right in rows]
-    return [*_pair(state, rule, own, [], axes), *_pair(state, rule, [], rows, axes)]
-
-
-def _one_sided(state: State, rule: str) -> list[Part]:
-    """−V_a Σ V_b (P_a + P_b) C_a∇W."""
-    rows, axes = _tensor(state, "a", state.volume)
-    return [*_pair(state, rule, rows, [], axes), *_pair(state, rule, [], rows, axes)]
-
-
-def _bonet_lok(state: State, rule: str) -> list[Part]:
-    """−V_a Σ V_b (P_aC_a + P_bC_b)∇W."""
-    rows, axes = _tensor(state, "a", state.volume)
-    others, _ = _tensor(state, "b", state.volume)
-    return [*_pair(state, rule, rows, [], axes), *_pair(state, rule, [], others, axes)]
-
-
-def _mean_corrected(state: State, rule: str) -> list[Part]:
-    """−V_a Σ V_b (P_a + P_b) ½(C_a + C_b)∇W."""
-    rows, axes = _tensor(state, "a", 0.5 * state.volume)
-    others, _ = _tensor(state, "b", 0.5 * state.volume)
+def force_parts(state: State, force: Force, rule: str) -> list[Part]:
+    """Q of m a = Q P."""
     parts: list[Part] = []
-    for one in (rows, others):
-        parts += [*_pair(state, rule, one, [], axes), *_pair(state, rule, [], one, axes)]
+    for end, weight in (("a", force.own), ("b", force.other)):
+        for own in (True, False):
+            pressures = (1.0, 0.0) if own else (0.0, 1.0)
+            found = _factors(lambda a, b, p=pressures, w=weight: w(*p, a, b), state.density)
+            if found is not None:
+                left, right = -state.mass * found[0], state.mass * found[1]
+                parts += _ends(state, rule, force.gradient, end, left, right, own)
     return parts
 
 
-def _strong(state: State, rule: str) -> list[Part]:
-    """−V_a Σ_b P_b ∇ψ_b(x_a), ψ_b(x) = V_b c(x)·(1, x_b − x) W: consistent of first order."""
+def rate_parts(state: State, rate: Rate, rule: str, gradient: str = PLAIN) -> list[Part]:
+    """D of ρ̇ = D v."""
+    parts: list[Part] = []
+    for end, weight in (("a", rate.own), ("b", rate.other)):
+        found = _factors(weight, state.density)
+        if found is not None:
+            left, right = found[0], state.mass * found[1]
+            parts += _ends(state, rule, gradient, end, left, right, True)
+            parts += _ends(state, rule, gradient, end, -rate.mirror * left, right, False)
+    return parts
+
+
+def _strong(state: State) -> list[Part]:
+    """−V_a Σ_b P_b ∇ψ_b(x_a), ψ_b(x) = V_b c(x)·(1, x_b − x) W."""
     rows, _ = state.reproducing
     h = state.cloud.h
-    parts = []
-    for axis, row in enumerate(rows):
-        for (delta, gamma), c in row.items():
-            left = -state.volume * c * h ** float(sum(delta) - sum(gamma) - 1)
-            parts.append(Part(axis, "a", (delta, gamma), left, state.volume, False))
-    return parts
+    return [
+        Part(
+            axis,
+            "a",
+            (delta, gamma),
+            -state.volume * c * h ** float(sum(delta) - sum(gamma) - 1),
+            state.volume,
+            False,
+        )
+        for axis, row in enumerate(rows)
+        for (delta, gamma), c in row.items()
+    ]
 
 
-def _galerkin(state: State, rule: str) -> list[Part]:
-    """m_a a_a = Σ_q V_qP_q ∇ψ_a(x_q): the transposed strong form, less the sign."""
-    return scaled(adjoint(_strong(state, rule)), -1.0)
+def _galerkin(state: State) -> list[Part]:
+    """m_a a_a = Σ_q V_qP_q ∇ψ_a(x_q): the transposed collocation, less its sign."""
+    return scaled(adjoint(_strong(state)), -1.0)
+
+
+# -------------------------------------------------------------------------------- what there is
 
 
 @dataclass(frozen=True)
 class Form:
-    """A momentum equation: formula, the degree of the pressure up to which it is exact on any
-    arrangement (−1: none), the `Operator` (form, correction) that it is where ρ is constant, and
-    its parts. `fixed`: its kernel takes h of a particle for its correction, and no other."""
+    """A momentum equation as it is offered: formula; correction; the degree of pressures whose
+    force is exact on any arrangement (−1: none); the (form, correction) of the `Operator` that it
+    is where all densities are equal, if it is one; and the forces entry, None for RKPM."""
 
-    formula: str
+    says: str
+    correction: str
     consistency: int
     operator: tuple[str, str] | None
-    parts: Callable[[State, str], list[Part]]
-    fixed: bool = False
+    force: Force | None
+
+    def rules(self, varying: bool) -> tuple[str, ...]:
+        """The rules for h that it can take."""
+        if not varying:
+            return ("constant",)
+        if self.force is None:
+            return ("gather",)
+        if self.force.gradient == GRAD_H:
+            return ("grad-h",)
+        return tuple(rule for rule in VARYING if rule != "grad-h")
 
 
-#: (form, correction): the momentum equations
-FORCES: dict[tuple[str, str], Form] = {
-    ("symmetric", "none"): Form("P_a/ρ_a² + P_b/ρ_b²", -1, ("symmetric", "none"), _symmetric),
-    ("product", "none"): Form("(P_a + P_b)/ρ_aρ_b", -1, ("symmetric", "none"), _product),
-    ("geometric", "none"): Form("2√(P_aP_b)/ρ_aρ_b", -1, None, _geometric),
-    ("difference", "none"): Form("(P_b − P_a)/ρ_aρ_b", 0, ("difference", "none"), _difference),
-    ("difference", "csph"): Form(
-        "C_a(P_b − P_a)/ρ_aρ_b", 1, ("difference", "csph"), _corrected_difference
+_KNOWN = {  # what no algebra of weights says: consistency, and the operator at equal densities
+    "symmetric": (-1, ("symmetric", "none")),
+    "symmetric-product": (-1, ("symmetric", "none")),
+    "difference": (0, ("difference", "none")),
+    "grad-h": (-1, None),
+    "csph": (1, ("difference", "csph")),
+    "csph-sum": (-1, None),
+    "csph-symmetric": (-1, None),
+    "csph-mean": (-1, None),
+}
+FORMS: dict[str, Form] = {
+    name: Form(
+        FORCES[name].says,
+        "csph" if FORCES[name].gradient == CORRECTED else "none",
+        *_KNOWN[name],
+        FORCES[name],
+    )
+    for name in _KNOWN
+} | {
+    "rkpm-strong": Form(
+        "a_a = −(1/ρ_a) Σ P_b ∇ψ_b(x_a)", "rkpm-1", 1, ("standard", "rkpm-1"), None
     ),
-    ("one-sided", "csph"): Form("C_a(P_a + P_b)/ρ_aρ_b", -1, None, _one_sided),
-    ("symmetric", "csph"): Form("(P_aC_a + P_bC_b)/ρ_aρ_b", -1, None, _bonet_lok),
-    ("mean", "csph"): Form("½(C_a + C_b)(P_a + P_b)/ρ_aρ_b", -1, None, _mean_corrected),
-    ("strong", "rkpm-1"): Form("P_b ∇ψ_b(x_a)", 1, ("standard", "rkpm-1"), _strong, True),
-    ("galerkin", "rkpm-1"): Form("V_qP_q ∇ψ_a(x_q)", -1, None, _galerkin, True),
+    "rkpm-galerkin": Form("m_a a_a = Σ_q V_qP_q ∇ψ_a(x_q)", "rkpm-1", -1, None, None),
 }
 
 
-# ---------------------------------------------------------------------------------------- rates
+def parts_of(state: State, name: str, rule: str) -> list[Part]:
+    """Q of a form under a rule for h."""
+    force = FORMS[name].force
+    if force is not None:
+        return force_parts(state, force, rule)
+    return _strong(state) if name == "rkpm-strong" else _galerkin(state)
 
 
-def _rate(
-    state: State, sides: str, own: list[Any], other: list[Any], axes: Any = None
-) -> list[Part]:
-    """Parts of Σ [own v_a − other v_b]·∇W, the kernel on the sides of a rule, in both alike."""
-    flat = H_RULES[sides][0]
-    made = []
-    for rows, sign, mine in ((own, 1.0, True), (other, -1.0, False)):
-        for n, (left, right) in enumerate(rows):
-            pairs = [(i, i) for i in range(state.dim)] if axes is None else [axes[n]]
-            for side, weight in flat:
-                for component, axis in pairs:
-                    key = unit(state.dim, axis), unit(state.dim, 0, 0)
-                    made.append(Part(component, side, key, sign * weight * left, right, mine))
-    return made
+def rates(state: State, name: str, rule: str) -> dict[str, list[Part]]:
+    """The density rates beside which a form is looked at: those of the catalogue with the gradient
+    that it has, and with the plain one."""
+    force = FORMS[name].force
+    if force is None:
+        return {
+            "−ρ_a Σ v_b·∇ψ_b(x_a)": scaled(_strong(state), state.density / state.volume),
+            **{f"{r.name}": rate_parts(state, r, rule) for r in RATES.values()},
+        }
+    gradients = dict.fromkeys((force.gradient, PLAIN))
+    return {
+        rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": rate_parts(
+            state, rate, rule, gradient
+        )
+        for gradient in gradients
+        for rate in RATES.values()
+    }
 
 
-def _summation(state: State, sides: str) -> list[Part]:
-    rows = [(state.ones, state.mass)]
-    return _rate(state, sides, rows, rows)
-
-
-def _omega(state: State, sides: str) -> list[Part]:
-    return scaled(_summation(state, sides), 1.0 / state.omega)
-
-
-def _continuity(state: State, sides: str) -> list[Part]:
-    rows = [(state.density, state.volume)]
-    return _rate(state, sides, rows, rows)
-
-
-def _mean_velocity(state: State, sides: str) -> list[Part]:
-    rows = [(-state.density, state.volume)]
-    return _rate(state, sides, rows, [(state.density, state.volume)])
-
-
-def _geometric_rate(state: State, sides: str) -> list[Part]:
-    root = np.sqrt(state.pressure)
-    rows = [(state.density / root, state.volume * root)]
-    return _rate(state, sides, rows, rows)
-
-
-def _corrected_rate(state: State, sides: str) -> list[Part]:
-    c, dim = state.correction, state.dim
-    axes = [(i, j) for i in range(dim) for j in range(dim)]
-    rows = [(state.density * c[i, j], state.volume) for i, j in axes]
-    return [*_rate(state, sides, rows, [], axes), *_rate(state, sides, [], rows, axes)]
-
-
-def _mean_corrected_rate(state: State, sides: str) -> list[Part]:
-    c, dim = state.correction, state.dim
-    axes = [(i, j) for i in range(dim) for j in range(dim)]
-    mine = [(0.5 * state.density * c[i, j], state.volume) for i, j in axes]
-    theirs = [(0.5 * state.density, state.volume * c[i, j]) for i, j in axes]
-    parts: list[Part] = []
-    for rows in (mine, theirs):
-        parts += [*_rate(state, sides, rows, [], axes), *_rate(state, sides, [], rows, axes)]
-    return parts
-
-
-def _reproduced_rate(state: State, sides: str) -> list[Part]:
-    """−ρ_a Σ v_b·∇ψ_b(x_a)."""
-    rows, _ = state.reproducing
-    h = state.cloud.h
-    parts = []
-    for axis, row in enumerate(rows):
-        for (delta, gamma), c in row.items():
-            left = -state.density * c * h ** float(sum(delta) - sum(gamma) - 1)
-            parts.append(Part(axis, "a", (delta, gamma), left, state.volume, False))
-    return parts
-
-
-@dataclass(frozen=True)
-class Rate:
-    """A density rate: formula, and its parts for a rule whose sides the kernel takes."""
-
-    formula: str
-    parts: Callable[[State, str], list[Part]]
-    needs: str = "none"
-
-
-RATES: dict[str, Rate] = {
-    "summation": Rate("Σ m_b v_ab·∇W", _summation),
-    "continuity": Rate("ρ_a Σ V_b v_ab·∇W", _continuity),
-    "geometric": Rate("ρ_a Σ V_b √(P_b/P_a) v_ab·∇W", _geometric_rate, "positive"),
-    "mean-velocity": Rate("−ρ_a Σ V_b (v_a + v_b)·∇W", _mean_velocity),
-    "corrected": Rate("ρ_a Σ V_b v_ab·C_a∇W", _corrected_rate, "csph"),
-    "mean-corrected": Rate("ρ_a Σ V_b v_ab·½(C_a + C_b)∇W", _mean_corrected_rate, "csph"),
-    "omega": Rate("Ω_a⁻¹ Σ m_b v_ab·∇W(h_a)", _omega),
-    "rkpm-1": Rate("−ρ_a Σ v_b·∇ψ_b(x_a)", _reproduced_rate, "rkpm-1"),
-}
-
-
-def partner(state: State, parts: list[Part]) -> list[Part]:
+def partner(state: State, parts: Sequence[Part]) -> list[Part]:
     """The density rate with which a force keeps the energy: −(ρ²/m) Qᵀ, computed."""
     return scaled(adjoint(parts), -1.0 / state.per_square)
