@@ -5,9 +5,9 @@ Every SPH force and rate is a sum of parts
     (Q A)_a = l_a Σ_b r_b K(a, b) A_b      or, where the part is its own particle's,
     (Q A)_a = l_a Σ_b r_b K(a, b) A_a,     K(a, b) = (−1)^{|δ|} x^γ ∂^δW(x, h),  x = x_b − x_a,
 
-with h of particle a, of b, or their mean. K of h_a at (b, a) is (−1)^{|δ|+|γ|} K of h_b at (a, b): the
-transpose of a part is a part, with the factors l and r exchanged. Nothing is listed of what belongs
-to what: an adjoint is computed.
+with h of particle a, of b, or their mean. K of h_a at (b, a) is (−1)^{|δ|+|γ|} K of h_b at (a, b):
+the transpose of a part is a part, with the factors l and r exchanged. Nothing is listed of what
+belongs to what: an adjoint is computed.
 
 Sums run on the pair engine, with a bound of all rounding if asked for.
 """
@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.engine import one_pass, pairs_with_terms
-from sphtrunc.moments import unit
-from sphtrunc.operators import Key
-from sphtrunc.particles import particles
-from sphtrunc.summation import UNIT, Array
+from sphtrunc.arithmetic.summation import UNIT, Array
+from sphtrunc.experiment.engine import one_pass, pairs_with_terms
+from sphtrunc.operators.moments import unit
+from sphtrunc.operators.terms import Key
+from sphtrunc.scenes.particles import particles
 
 if TYPE_CHECKING:
-    from sphtrunc.kernel import Kernel
-    from sphtrunc.particles import Particles
+    from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.particles import Particles
 
 #: side of a pair whose h the kernel takes: mode of the engine
 SIDES = {"a": "gather", "b": "scatter", "mean": "mean"}
@@ -258,9 +258,7 @@ def _alike(one: Part, two: Part) -> bool:
     )
 
 
-def gradient_parts(
-    side: str, axis: int, dim: int, left: Array, right: Array, *, own: bool
-) -> Part:
+def gradient_parts(side: str, axis: int, dim: int, left: Array, right: Array, *, own: bool) -> Part:
     """l_a Σ_b r_b ∂_axis W(x_a − x_b) with respect to x_a, acting on A_b or on A_a."""
     zero = unit(dim, 0, 0)
     return Part(axis, side, (unit(dim, axis), zero), left, right, own)

@@ -23,21 +23,27 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from math import prod
+from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
-from sympy import QQ, Expr, Rational
+from sympy import QQ, Expr, Float, Rational, sympify
 
-from sphtrunc.kernel import Kernel, rational
-from sphtrunc.lattice_sums import continuous_sum, laurent, parts, real_context
-from sphtrunc.moments import Moments, MultiIndex, add, multi_indices, unit
-from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, NESTED, Key, Operator
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.arguments import rational
+from sphtrunc.kernels.factors import laurent
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
+from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, unit
+from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
+from sphtrunc.scenes.sites import sites, units
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
+from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
-    from sphtrunc.derivation import Derivation
-    from sphtrunc.gaussian import Gaussian
+    from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.theory.derivation import Derivation
 
-RULES = ("gather", "scatter", "mean", "mean-kernel")
 Profile = Mapping[MultiIndex, Fraction]  # the Taylor coefficients of H; H(0) = 1
 
 _DIGITS = 40  # to which a series is summed
@@ -51,8 +57,7 @@ def linear(gradient: Sequence[Fraction]) -> Profile:
 
 
 def powers(profile: Profile, exponent: Fraction, dim: int, degree: int) -> dict[MultiIndex, Any]:
-    """The coefficients of H^x up to a degree: u = H^x has H (s·∇u) = x u (s·∇H), degree by degree.
-    """
+    """The coefficients of H^x up to a degree: u = H^x has H (s·∇u) = x u (s·∇H), degree by degree."""
     result: dict[MultiIndex, Any] = {unit(dim, 0, 0): Fraction(1)}
     for beta in multi_indices(dim, degree):
         n = sum(beta)
@@ -73,7 +78,7 @@ def derivatives_of(term: Any) -> int:
 
 def _profile(profile: Profile, rule: str) -> Profile:
     """The H that a rule sees."""
-    share = Fraction(1, 2) if rule == "mean" else Fraction(1)
+    share = slope_share(rule)
     return {tau: share * c for tau, c in profile.items()}
 
 
@@ -105,7 +110,7 @@ def orders(
 @lru_cache(maxsize=65536)
 def _fraction(kernel: Kernel | Gaussian, key: Key) -> Any:
     value = continuous_sum(kernel, key)
-    return Fraction(int(value.p), int(value.q)) if isinstance(value, Rational) else value
+    return fraction(value) if isinstance(value, Rational) else value
 
 
 def series(
@@ -113,7 +118,7 @@ def series(
 ) -> dict[MultiIndex, list[Rational]]:
     """The moments as power series in g, h = h_a (1 + g s₁): multi-index -> coefficients of
     g⁰ … g^order, exactly, of every operator and correction; [1, 0, 3/3] says M = 1 + 3μ₂g²."""
-    _one_of("h-rule", rule, RULES)
+    require_rule(rule)
     if operator.form == NESTED:
         raise ValueError("form: nested sums see every particle's own h; expected another form")
     ring = QQ.frac_field("g")
@@ -154,42 +159,22 @@ def limit_moments(
     Raises ValueError unless |g|κ < 1: beyond that, a neighbour's support has no end.
     """
     dim = len(gradient)
-    _one_of("h-rule", rule, RULES)
+    require_rule(rule)
     if operator.form == NESTED:
         raise ValueError("form: nested sums see every particle's own h; expected another form")
-    require_support(kernel, gradient, rule)
+    require_support(_support(kernel), gradient, rule)
     found: list[dict[MultiIndex, Any]] = []
     for more in (0, 2):  # what does not depend on where the series are cut is exact
         sums = {
-            key: _summed(kernel, key, gradient, rule, more)
-            for key in operator.needed(dim, degree)
+            key: _summed(kernel, key, gradient, rule, more) for key in operator.needed(dim, degree)
         }
         found.append(operator.correct(sums, dim, degree))
-    values = {
-        alpha: _number(first, first == found[1][alpha]) for alpha, first in found[0].items()
-    }
+    values = {alpha: _number(first, first == found[1][alpha]) for alpha, first in found[0].items()}
     return Moments(values, operator.target(dim), operator.derivatives, "continuous limit")
 
 
-def require_support(
-    kernel: Kernel | Gaussian, gradient: Sequence[Fraction], rule: str
-) -> None:
-    """Raises ValueError where a neighbour's support has no end, as |g|κ >= 1."""
-    if rule == "gather" or not any(gradient):
-        return
-    if not isinstance(kernel, Kernel):
-        raise ValueError(
-            f"h-gradient: {kernel.name} has no edge, so that h(x) = 0 is inside its support;"
-            " expected a kernel of compact support, or the rule gather"
-        )
-    share = Rational(1, 2) if rule == "mean" else Rational(1)
-    steep = sum(Rational(g.numerator, g.denominator) ** 2 for g in gradient) * share**2
-    if steep * kernel.support**2 >= 1:
-        raise ValueError(
-            f"h-gradient: got |g| = {float(steep**0.5 / share):g} with a support of"
-            f" {kernel.support} h, expected |g| below {1 / (share * kernel.support)}: from there on"
-            " h grows as fast as the distance, and a support has no end"
-        )
+def _support(kernel: Kernel | Gaussian) -> Fraction | None:
+    return fraction(kernel.support) if isinstance(kernel, Kernel) else None
 
 
 def _summed(
@@ -206,7 +191,7 @@ def _summed(
     assert isinstance(kernel, Kernel)
     term, alpha = key
     dim, k = len(alpha), derivatives_of(term)
-    share = Fraction(1, 2) if rule == "mean" else Fraction(1)
+    share = slope_share(rule)
     slopes = [share * g for g in gradient]
     # |g|κ, rounded up to a rational
     reach = Fraction(float(sum(g * g for g in slopes)) ** 0.5 * float(kernel.support))
@@ -252,8 +237,6 @@ def _compositions(n: int, parts_: int) -> Iterable[tuple[int, ...]]:
 
 
 def _multinomial(counts: Sequence[int]) -> int:
-    from math import factorial
-
     return factorial(sum(counts)) // prod(factorial(c) for c in counts)
 
 
@@ -262,7 +245,7 @@ def _absolute(kernel: Kernel, key: Key) -> Fraction:
     alpha = key[1]
     dim = len(alpha)
     total = Fraction(0)
-    knots = [Fraction(int(x.p), int(x.q)) for x in kernel.knots]
+    knots = [fraction(k) for k in kernel.knots]
     for c, beta, name in parts(key):
         for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
             for j, x in piece.items():
@@ -270,7 +253,7 @@ def _absolute(kernel: Kernel, key: Key) -> Fraction:
                 if power > 0:
                     total += abs(c * x) * (b**power - a**power) / power
     mass = kernel.moment(0, dim) / kernel._mass(dim)
-    return total * Fraction(int(mass.p), int(mass.q))
+    return total * fraction(mass)
 
 
 def _rational(value: Any) -> Any:
@@ -279,8 +262,6 @@ def _rational(value: Any) -> Any:
 
 def _number(value: Any, exact: bool) -> Expr:
     """An exact number, or 30 digits of one."""
-    from sympy import Float, sympify
-
     value = sympify(value)
     if exact or not isinstance(value, Rational):
         return value
@@ -290,9 +271,9 @@ def _number(value: Any, exact: bool) -> Expr:
 # ------------------------------------------------------------------------------------- lattices
 
 
-def lattice_sum_of(
+def lattice_sums_of(
     kernel: Kernel,
-    keys: Iterable[Key],
+    keys: Sequence[Key],
     kind: str,
     dx_over_h: Fraction,
     offset: Sequence[Fraction],
@@ -305,104 +286,48 @@ def lattice_sum_of(
 
     Raises ValueError unless |g|κ < 1.
     """
-    require_support(kernel, gradient, rule)
+    require_support(fraction(kernel.support), gradient, rule)
     if rule == "mean-kernel":
-        two = [
-            lattice_sum_of(kernel, keys, kind, dx_over_h, offset, gradient, one)
-            for one in ("gather", "scatter")
-        ]
-        return {key: (two[0][key] + two[1][key]) / 2 for key in two[0]}
-    from sphtrunc.lattice import sites, units
-
-    dim = len(offset)
-    share = {"gather": Fraction(0), "mean": Fraction(1, 2), "scatter": Fraction(1)}[rule]
-    slopes = [share * g for g in gradient]
-    steep = float(sum(g * g for g in slopes)) ** 0.5
-    support = float(kernel.support)
-    radius = support / (1.0 - steep * support) / float(dx_over_h) * (1.0 + 1e-9)
-    points = sites(kind, radius, tuple(offset), 0.0)
-    keys = list(keys)
+        arguments = (kernel, keys, kind, dx_over_h, offset, gradient)
+        gather, scatter = (lattice_sums_of(*arguments, one) for one in ("gather", "scatter"))
+        return {key: (gather[key] + scatter[key]) / 2 for key in keys}
+    dim, reach = len(offset), fraction(kernel.support)
+    slopes = [slope_share(rule) * g for g in gradient]
+    steep = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(reach)
+    radius = float(reach / dx_over_h) / (1.0 - steep) * (1.0 + 1e-9)
+    around = []  # (s, t = s/H, H) of every particle within its own support
+    for point in sites(kind, radius, tuple(offset)).T.tolist():
+        s = [(n * u + o) * dx_over_h for n, u, o in zip(point, units(kind), offset, strict=True)]
+        stretch = 1 + sum((g * x for g, x in zip(slopes, s, strict=True)), Fraction(0))
+        if any(s) and stretch > 0 and sum(x * x for x in s) <= (reach * stretch) ** 2:
+            around.append((s, [x / stretch for x in s], stretch))
+    there = not any(offset)
+    squares = [sum((x * x for x in t), Fraction(0)) for _, t, _ in around]
+    names = {name for key in keys for _, _, name in parts(key)}
+    found = {name: _radial(kernel, name, squares, True, dim) for name in names}
+    rational = all(values is not None for values in found.values())
+    if not rational:
+        found = {name: _radial(kernel, name, squares, False, dim) for name in names}
+    ctx = real_context()
     volume = dx_over_h**dim
-    context = real_context()
-    needed = {key: parts((key[0], unit(dim, 0, 0))) for key in keys}
-    totals: dict[Key, Any] = dict.fromkeys(keys, Fraction(0))
     sigma = kernel.normalisation(dim)
-    steps = units(kind)
-    for column in points.T.tolist():
-        s = [(n * u + o) * dx_over_h for n, u, o in zip(column, steps, offset, strict=True)]
-        stretch = 1 + sum(g * x for g, x in zip(slopes, s, strict=True))
-        if stretch <= 0:
-            continue
-        t = [x / stretch for x in s]
-        square = sum(x * x for x in t)
-        if square > Fraction(int(kernel.support.p), int(kernel.support.q)) ** 2:
-            continue
-        q = _root(square, context)
-        values: dict[str, Any] = {}
-        for key, rows in needed.items():
-            term, alpha = key
-            weight = stretch ** -(dim + derivatives_of(term))
-            for axis, n in enumerate(alpha):
-                weight = weight * s[axis] ** n
-            for c, beta, name in rows:
-                if name not in values:
-                    values[name] = _at(kernel, name, q, context)
-                if any(b and not t[i] for i, b in enumerate(beta)):
-                    continue
-                monomial = prod((x**b for x, b in zip(t, beta, strict=True)), start=Fraction(c))
-                value = values[name]
-                if value is None:  # a pole: the particle at the target itself
-                    continue
-                totals[key] = _plus(totals[key], weight * monomial, value, context)
-    return {key: _finished(total, sigma, volume, context) for key, total in totals.items()}
-
-
-def _root(square: Fraction, context: Any) -> Any:
-    """√square as a Fraction where it is one, else to 50 digits."""
-    from math import isqrt
-
-    top, bottom = isqrt(square.numerator), isqrt(square.denominator)
-    if top * top == square.numerator and bottom * bottom == square.denominator:
-        return Fraction(top, bottom)
-    return context.sqrt(context.mpf(square.numerator) / square.denominator)
-
-
-def _at(kernel: Kernel, name: str, q: Any, context: Any) -> Any:
-    """A radial function of the shape w at q, the mean of both sides at a jump; None at a pole."""
-    pieces = laurent(kernel, name)
-    knots = [Fraction(int(x.p), int(x.q)) for x in kernel.knots]
-    exact = isinstance(q, Fraction)
-    ends: list[Any] = [k if exact else context.mpf(k.numerator) / k.denominator for k in knots]
-    sides = [p for a, b, p in zip(ends, ends[1:], pieces, strict=False) if a <= q <= b]
-    if not sides:
-        return Fraction(0)
-    if q == 0:
-        return None if any(j < 0 for j in sides[0]) else sides[0].get(0, Fraction(0))
-    if q == knots[-1]:
-        sides.append({})
-    total: Any = Fraction(0) if exact else context.mpf(0)
-    for piece in sides:
-        for j, c in piece.items():
-            total += c * q**j if exact else context.mpf(c.numerator) / c.denominator * q**j
-    return total / len(sides)
-
-
-def _plus(total: Any, weight: Fraction, value: Any, context: Any) -> Any:
-    if isinstance(value, Fraction) and isinstance(total, Fraction):
-        return total + weight * value
-    if isinstance(total, Fraction):
-        total = context.mpf(total.numerator) / total.denominator
-    if isinstance(value, Fraction):
-        value = context.mpf(value.numerator) / value.denominator
-    return total + context.mpf(weight.numerator) / weight.denominator * value
-
-
-def _finished(total: Any, sigma: Any, volume: Fraction, context: Any) -> Any:
-    if isinstance(total, Fraction):
-        total *= volume
-        return Rational(total.numerator, total.denominator) * sigma
-    number = context.mpf(str(sigma.evalf(context.dps + 5))) * volume.numerator / volume.denominator
-    return total * number
+    scale = sigma if rational else ctx.mpf(str(sigma.evalf(DIGITS + 10)))
+    sums = {}
+    for key in keys:
+        term, alpha = key
+        total: Any = _at_origin(kernel, key, there, volume, rational)
+        for c, beta, name in parts((term, unit(dim, 0, 0))):
+            values = found[name]
+            assert values is not None
+            for (s, t, stretch), value in zip(around, values, strict=True):
+                weight = c * volume / stretch ** (dim + derivatives_of(term))
+                for x, y, n, m in zip(s, t, alpha, beta, strict=True):
+                    weight *= x**n * y**m
+                if not rational:
+                    weight = ctx.mpf(weight.numerator) / weight.denominator
+                total += weight * value
+        sums[key] = _rational(total + Fraction(0)) * scale if rational else total * scale
+    return sums
 
 
 # ---------------------------------------------------------------------------------- derivations
@@ -414,7 +339,7 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
     gradient: g = dh/dx, an exact number (along the first axis) or one for each axis; rule: of
     RULES. Raises ValueError for a bad argument, |g|κ >= 1, and volumes that are not constant.
     """
-    _one_of("h-rule", rule, RULES)
+    require_rule(rule)
     slopes = _gradient(gradient, derivation.dim)
     kernel, operator = derivation.kernel, derivation.operator
     limit = limit_moments(kernel, operator, slopes, rule, derivation.degree)
@@ -424,10 +349,10 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
             raise ValueError(
                 f"volume: got {derivation.volume}, expected constant with a gradient of h"
             )
-        ratio = Fraction(int(derivation.dx_over_h.p), int(derivation.dx_over_h.q))  # type: ignore[union-attr]
-        shift = [Fraction(int(x.p), int(x.q)) for x in derivation.shift]
+        ratio = fraction(derivation.dx_over_h)
+        shift = [fraction(x) for x in derivation.shift]
         needed = operator.needed(derivation.dim, derivation.degree)
-        sums = lattice_sum_of(kernel, needed, derivation.lattice, ratio, shift, slopes, rule)
+        sums = lattice_sums_of(kernel, needed, derivation.lattice, ratio, shift, slopes, rule)
         values = operator.correct(sums, derivation.dim, derivation.degree)
         discrete = replace(discrete, values={a: _shown(m) for a, m in values.items()})
     return replace(
@@ -442,8 +367,6 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
 
 def _shown(value: Any) -> Expr:
     """An exact number, or a 50-digit one to 30 digits."""
-    from sympy import Float, sympify
-
     if hasattr(value, "context"):
         return Float(Rational(int(value.context.nint(value * 10**40)), 10**40), 30)
     return sympify(value)
@@ -456,9 +379,4 @@ def _gradient(gradient: object, dim: int) -> list[Fraction]:
         exact += [Rational(0)] * (dim - 1)
     if len(exact) != dim:
         raise ValueError(f"h-gradient: got {len(exact)} numbers, expected 1 or {dim}")
-    return [Fraction(int(g.p), int(g.q)) for g in exact]
-
-
-def _one_of(name: str, value: object, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name}: got {value!r}, expected one of {', '.join(allowed)}")
+    return [fraction(g) for g in exact]

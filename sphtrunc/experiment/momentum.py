@@ -21,36 +21,22 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic import MOST_CONDITION, Health, Plain
-from sphtrunc.bounded import Ball, Bounded
-from sphtrunc.engine import pair_sums
-from sphtrunc.estimates import solve
-from sphtrunc.forces import CORRECTED, FORCES, GRAD_H, PLAIN, RATES, Force, Rate
-from sphtrunc.moments import add, unit
-from sphtrunc.operators import Key, Operator
-from sphtrunc.pairwise import Cloud, Part, act, adjoint, scaled
-from sphtrunc.particles import particles
-from sphtrunc.summation import UNIT, Array
+from sphtrunc.arithmetic.bounded import Ball, Bounded
+from sphtrunc.arithmetic.linear_systems import MOST_CONDITION, Health
+from sphtrunc.arithmetic.plain import Plain
+from sphtrunc.arithmetic.small_systems import solve
+from sphtrunc.arithmetic.summation import UNIT, Array
+from sphtrunc.experiment.adapted_lengths import grad_h
+from sphtrunc.experiment.engine import pair_sums
+from sphtrunc.experiment.pair_matrices import Cloud, Part, act, adjoint, scaled
+from sphtrunc.operators.forces import CORRECTED, FORCES, GRAD_H, PLAIN, RATES, Force, Rate
+from sphtrunc.operators.h_rules import FORCE_RULES, Sides
+from sphtrunc.operators.moments import add, unit
+from sphtrunc.operators.operator import Operator
+from sphtrunc.operators.terms import Key
+from sphtrunc.scenes.particles import particles
 
-Sides = tuple[tuple[str, float], ...]  # sides of the kernel, each with its share
-
-_A, _B, _MEAN, _BOTH = (
-    (("a", 1.0),),
-    (("b", 1.0),),
-    (("mean", 1.0),),
-    (("a", 0.5), ("b", 0.5)),
-)
-#: rule: sides of the gradients K_a and K_b that the two ends of a pair see
-H_RULES: dict[str, tuple[Sides, Sides]] = {
-    "constant": (_MEAN, _MEAN),
-    "gather": (_A, _A),
-    "scatter": (_B, _B),
-    "mean": (_MEAN, _MEAN),
-    "mean-kernel": (_BOTH, _BOTH),
-    "no-omega": (_A, _B),
-    "grad-h": (_A, _B),
-}
-VARYING = tuple(rule for rule in H_RULES if rule != "constant")
+VARYING = tuple(rule for rule in FORCE_RULES if rule != "constant")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +67,9 @@ class State:
     @cached_property
     def omega(self) -> Array:
         """Ω = 1 + (h/dρ) ∂ρ/∂h of the summation ρ = Σ m W(h_a), which is Σ_i m[e_i, e_i]/(d ρ)."""
-        return grad_h(self.cloud, self.mass)[1]
+        cloud = self.cloud
+        scene = particles(cloud.x.T, h=cloud.h, volume=self.mass, period=cloud.period)
+        return grad_h(scene, cloud.kernel, cloud.workers)[1]
 
     @cached_property
     def _corrections(self) -> dict[Sides, tuple[Array, Array]]:
@@ -148,24 +136,14 @@ class State:
         off = np.zeros(cloud.count)
         middles: list[dict[Key, Array]] = []
         for axis, row in enumerate(rows):
-            middles.append({k: np.broadcast_to(number.value(c), none.shape) for k, c in row.items()})
+            middles.append(
+                {k: np.broadcast_to(number.value(c), none.shape) for k, c in row.items()}
+            )
             for alpha in (unit(dim, 0, 0), *(unit(dim, i) for i in range(dim))):
                 total = sum((c * balls[d, add(alpha, g)] for (d, g), c in row.items()), 0)
                 off += np.abs(number.value(total) - float(alpha == unit(dim, axis)))
                 off += number.rest(total)
         return middles, off
-
-
-def grad_h(cloud: Cloud, mass: Array) -> tuple[Array, Array]:
-    """ρ_a = Σ m_b W(x_ab, h_a) and Ω_a = 1 + (h_a/dρ_a) ∂ρ_a/∂h_a, (n,) each."""
-    dim = cloud.dim
-    zero = unit(dim, 0, 0)
-    axes = [unit(dim, i) for i in range(dim)]
-    keys: list[Key] = [(zero, zero), *((e, e) for e in axes)]
-    scene = particles(cloud.x.T, h=cloud.h, volume=mass, period=cloud.period)
-    sums = pair_sums(scene, cloud.kernel, keys, workers=cloud.workers).base
-    density = sums[zero, zero]
-    return density, np.asarray(sum(sums[e, e] for e in axes) / (dim * density))
 
 
 def _require(health: Health, count: int, name: str) -> None:
@@ -204,7 +182,7 @@ def _ends(
     state: State, rule: str, gradient: str, end: str, left: Array, right: Array, own: bool
 ) -> Iterator[Part]:
     """Parts of l_a Σ r_b K A: K = K_a or K_b (`end`) on the sides of the rule, with Ω or C."""
-    sides = H_RULES[rule][end == "b"]
+    sides = FORCE_RULES[rule][end == "b"]
     dim = state.dim
     zero = unit(dim, 0, 0)
     diagonal = [(i, i) for i in range(dim)]
@@ -213,7 +191,7 @@ def _ends(
         per = 1.0 / state.omega
         rows = [(left * per, right, diagonal) if end == "a" else (left, right * per, diagonal)]
     elif gradient == CORRECTED:
-        c = state.correction(H_RULES[rule][0])[0]
+        c = state.correction(FORCE_RULES[rule][0])[0]
         axes = [(i, j) for i in range(dim) for j in range(dim)]
         rows = [
             (left * c[i, j], right, [(i, j)]) if end == "a" else (left, right * c[i, j], [(i, j)])

@@ -1,10 +1,10 @@
 """Conservation: what a momentum equation keeps on given particles, to the rounding or not at all.
 
 For forces F_a on particles at x_a: the residuals of Σ F, of Σ x × F (about the mean position), and
-of the energy rate Σ v·F + Σ (m P/ρ²) ρ̇ beside a density rate, each over the sum of the sizes of what
-is added up. Every residual comes with a rigorous bound of what rounding can make of zero: "exact"
-says that the residual is below it. Which rate a form has for its partner is not tried but computed:
-the transposed matrix is compared with the rates of the catalogue, factor by factor.
+of the energy rate Σ v·F + Σ (m P/ρ²) ρ̇ beside a density rate, each over the sum of the sizes of
+what is added up. Every residual comes with a rigorous bound of what rounding can make of zero:
+"exact" says that the residual is below it. Which rate a form has for its partner is not tried but
+computed: the transposed matrix is compared with the rates of the catalogue, factor by factor.
 """
 
 from __future__ import annotations
@@ -16,17 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc.momentum import (
-    FORMS,
-    H_RULES,
-    State,
-    partner,
-    parts_of,
-    rates,
-)
-from sphtrunc.forces import CORRECTED
-from sphtrunc.pairwise import Action, Part, act, same
-from sphtrunc.summation import UNIT, Array
+from sphtrunc.arithmetic.summation import UNIT, Array
+from sphtrunc.experiment.momentum import FORMS, State, partner, parts_of, rates
+from sphtrunc.experiment.pair_matrices import Action, Part, act, same
+from sphtrunc.operators.forces import CORRECTED
+from sphtrunc.operators.h_rules import FORCE_RULES
 
 
 @dataclass(frozen=True)
@@ -133,14 +127,14 @@ def _partner(
 
 
 def _defect(state: State, name: str, rule: str) -> tuple[Array, Array]:
-    """(n,) each: the force and the couple that the rounding of a correction leaves at a particle."""
+    """(n,) each: the force and the couple that the rounding of a correction leaves."""
     force, none = FORMS[name].force, np.zeros(state.cloud.count)
     size = state.volume * np.abs(state.pressure)
     if force is None:
         off = size * state.reproducing[1]
         return off / state.cloud.h, 2.0 * off
     if force.gradient == CORRECTED:
-        return none, 2.0 * size * state.correction(H_RULES[rule][0])[1]
+        return none, 2.0 * size * state.correction(FORCE_RULES[rule][0])[1]
     return none, none
 
 
