@@ -274,7 +274,18 @@ class Form:
             return ("gather",)
         if self.force.gradient == GRAD_H:
             return ("grad-h",)
-        return tuple(rule for rule in VARYING if rule != "grad-h")
+        ends = ("grad-h",) if self.two_ended else ("grad-h", "no-omega")
+        return tuple(rule for rule in VARYING if rule not in ends)
+
+    @property
+    def two_ended(self) -> bool:
+        """Both ends of a pair bring a gradient of their own."""
+        return self.force is not None and self.force.other(1.0, 2.0, 3.0, 5.0) != 0
+
+    def degree(self, rule: str) -> int:
+        """`consistency` under a rule for h: a difference of two kernels is not zero for constants."""
+        apart = FORCE_RULES[rule][0] != FORCE_RULES[rule][1]
+        return -1 if apart and self.two_ended else self.consistency
 
 
 _KNOWN = {  # what no algebra of weights says: consistency, and the operator at equal densities
@@ -321,12 +332,13 @@ def rates(state: State, name: str, rule: str) -> dict[str, list[Part]]:
             **{f"{r.name}": rate_parts(state, r, rule) for r in RATES.values()},
         }
     gradients = dict.fromkeys((force.gradient, PLAIN))
+    first = sorted(RATES.values(), key=lambda rate: rate.name != force.rate)
     return {
         rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": rate_parts(
             state, rate, rule, gradient
         )
         for gradient in gradients
-        for rate in RATES.values()
+        for rate in first
     }
 
 

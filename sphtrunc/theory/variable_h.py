@@ -57,7 +57,7 @@ def linear(gradient: Sequence[Fraction]) -> Profile:
 
 
 def powers(profile: Profile, exponent: Fraction, dim: int, degree: int) -> dict[MultiIndex, Any]:
-    """The coefficients of H^x up to a degree: u = H^x has H (s·∇u) = x u (s·∇H), degree by degree."""
+    """The coefficients of H^x up to a degree: u = H^x has H (s·∇u) = x u (s·∇H)."""
     result: dict[MultiIndex, Any] = {unit(dim, 0, 0): Fraction(1)}
     for beta in multi_indices(dim, degree):
         n = sum(beta)
