@@ -38,11 +38,11 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
+from sphtrunc.theory.derivation import Derivation, Varying
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
-    from sphtrunc.theory.derivation import Derivation
 
 Profile = Mapping[MultiIndex, Fraction]  # the Taylor coefficients of H; H(0) = 1
 
@@ -333,36 +333,44 @@ def lattice_sums_of(
 # ---------------------------------------------------------------------------------- derivations
 
 
+_SHOWN = 4  # powers of g that a derivation shows
+
+
 def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> Derivation:
-    """The derivation with h = h_a (1 + g·s): its limit, and its discrete moments if it has any.
+    """The derivation with h = h_a (1 + g·s): `Derivation.varying`, and its discrete moments if it
+    has any.
 
     gradient: g = dh/dx, an exact number (along the first axis) or one for each axis; rule: of
-    RULES. Raises ValueError for a bad argument, |g|κ >= 1, and volumes that are not constant.
+    RULES. Raises ValueError for a bad argument, |g|κ >= 1, volumes that are not constant, and
+    displaced particles.
     """
     require_rule(rule)
     slopes = _gradient(gradient, derivation.dim)
     kernel, operator = derivation.kernel, derivation.operator
-    limit = limit_moments(kernel, operator, slopes, rule, derivation.degree)
+    dim, degree = derivation.dim, derivation.degree
+    limit = limit_moments(kernel, operator, slopes, rule, degree)
     discrete = derivation.discrete
-    if discrete is not None and rule != "gather" and any(slopes):
+    if derivation.scatter is not None:
+        raise ValueError("jitter: got a gradient of h as well; expected one or the other")
+    if discrete is not None and slope_share(rule) and any(slopes):
         if derivation.volume != "constant" or not isinstance(kernel, Kernel):
             raise ValueError(
                 f"volume: got {derivation.volume}, expected constant with a gradient of h"
             )
         ratio = fraction(derivation.dx_over_h)
         shift = [fraction(x) for x in derivation.shift]
-        needed = operator.needed(derivation.dim, derivation.degree)
+        needed = operator.needed(dim, degree)
         sums = lattice_sums_of(kernel, needed, derivation.lattice, ratio, shift, slopes, rule)
-        values = operator.correct(sums, derivation.dim, derivation.degree)
+        values = operator.correct(sums, dim, degree)
         discrete = replace(discrete, values={a: _shown(m) for a, m in values.items()})
-    return replace(
-        derivation,
+    along = not any(slopes[1:])
+    found = Varying(
+        gradient=tuple(_rational(g) for g in slopes),
+        rule=rule,
         limit=limit,
-        terms=() if rule != "gather" else derivation.terms,
-        discrete=discrete,
-        h_gradient=tuple(_rational(g) for g in slopes),
-        h_rule=rule,
+        series=series(kernel, operator, dim, rule, degree, _SHOWN) if along else {},
     )
+    return replace(derivation, terms=(), discrete=discrete, varying=found)
 
 
 def _shown(value: Any) -> Expr:
