@@ -12,7 +12,7 @@ from sympy import Expr, Rational
 
 from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.kernels.kernel import Kernel
-from sphtrunc.operators.moments import Moments, label, unit
+from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory import typeset
 from sphtrunc.theory.euler_maclaurin import KnotTerm

@@ -37,8 +37,8 @@ from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, 
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
 from sphtrunc.scenes.sites import sites, units
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
 from sphtrunc.theory.derivation import Derivation, Varying
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
