@@ -97,7 +97,7 @@ def cut_sum(kernel: Kernel, key: Key, eta: Any) -> Any:
     if eta < 0:
         return beyond(kernel, key, -eta)
     if has_pole(kernel, key):
-        return Rational(0)
+        return 0 * eta
     outside = beyond(kernel, key, eta)
     whole = continuous_sum(kernel, key)
     if not isinstance(eta, Rational):

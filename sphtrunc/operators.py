@@ -29,6 +29,7 @@ Term = Any  # δ, or the name of a term of its own
 Key = tuple[Term, MultiIndex]  # (δ, α)
 Sums = Mapping[Key, Any]
 Around = Sequence[tuple[Sums, Sums]]  # see `Operator.correct`
+Reader = Callable[[Mapping[Key, Any], MultiIndex], Any]
 Solver = Callable[[Sequence[Sequence[Any]], Sequence[Sequence[Any]]], list[list[Any]]]
 
 #: terms beside the derivatives of the kernel: −Ŵ′/q and −Ŵ′/q³ (without the particle at s = 0)
@@ -228,6 +229,7 @@ class Operator:
         axis: int = 0,
         solve: Solver | None = None,
         around: Around | None = None,
+        read: Reader | None = None,
     ) -> dict[MultiIndex, Any]:
         """The moments M_α, |α| <= degree, of the component `axis`, from the base sums (for the
         symmetric form: of particles of equal density).
@@ -235,11 +237,14 @@ class Operator:
         around: for the nested form, what the neighbours see: for each sort of particles the part
             of `sums` over these, and the sums at one of them; None where the target is a particle
             and all are alike
+        read: Σ_b w_b ⟨s^α⟩_b from the coefficients of the weights, where the value of a particle is
+            not that of the field at its place
         """
+        read = read or (lambda part, alpha: combine(part, sums, alpha))
         if self.form == NESTED:
             return self._nested(sums, dim, degree, axis, solve, around or [(sums, sums)])
         part = self.coefficients(sums, dim, solve)[axis]
-        moments = {alpha: combine(part, sums, alpha) for alpha in multi_indices(dim, degree)}
+        moments = {alpha: read(part, alpha) for alpha in multi_indices(dim, degree)}
         zero = unit(dim, 0, 0)
         if self.uses_difference:
             moments[zero] = 1 - min(self.derivatives, 1)
@@ -289,7 +294,7 @@ def shifted(
     there and the powers of its offset, or from the sums of either."""
     return sum(
         _times(_times(powers[_minus(alpha, beta)], moments[beta]), _binomial(alpha, beta))
-        for beta in _below(alpha)
+        for beta in below(alpha)
     )
 
 
@@ -357,14 +362,14 @@ def _reproducing(
     basis = list(multi_indices(dim, degree))
     matrix = [[sums[zero, add(a, b)] for b in basis] for a in basis]
     c = {zero: [row[0] for row in solve(matrix, [[int(a == zero)] for a in basis])]}
-    lower = dict.fromkeys(nu for mu in targets for nu in _below(mu))
+    lower = dict.fromkeys(nu for mu in targets for nu in below(mu))
     for order in range(1, 1 + max(sum(mu) for mu in targets)):
         level = [nu for nu in lower if sum(nu) == order]
         columns = [
             [
                 -sum(
                     _binomial(nu, tau) * _slope(sums, tau, add(a, b)) * x
-                    for tau in _below(nu)
+                    for tau in below(nu)
                     if tau != zero
                     for b, x in zip(basis, c[_minus(nu, tau)], strict=True)
                 )
@@ -377,7 +382,7 @@ def _reproducing(
     return [
         _weighted(
             (_binomial(mu, nu) * x, _derived(nu, a))
-            for nu in _below(mu)
+            for nu in below(mu)
             for a, x in zip(basis, c[_minus(mu, nu)], strict=True)
         )
         for mu in targets
@@ -390,7 +395,7 @@ def _derived(nu: MultiIndex, alpha: MultiIndex) -> dict[Key, int]:
         (_minus(nu, k), _minus(alpha, k)): (-1) ** sum(k)
         * _binomial(nu, k)
         * prod(perm(a, n) for a, n in zip(alpha, k, strict=True))
-        for k in _below(nu)
+        for k in below(nu)
         if all(n <= a for n, a in zip(k, alpha, strict=True))
     }
 
@@ -400,7 +405,7 @@ def _slope(sums: Sums, nu: MultiIndex, alpha: MultiIndex) -> Any:
     return sum(c * sums[key] for key, c in _derived(nu, alpha).items())
 
 
-def _below(mu: MultiIndex) -> list[MultiIndex]:
+def below(mu: MultiIndex) -> list[MultiIndex]:
     """All ν <= μ."""
     return list(product(*(range(n + 1) for n in mu)))
 

@@ -141,7 +141,7 @@ def _lattice(lattice: str | None, dim: int, volume: str, ratio: Expr | None) -> 
     return kind
 
 
-def _rounded(m: Any) -> Expr:
+def rounded(m: Any) -> Expr:
     """A 50-digit number to 40 decimals and 30 digits."""
     from sympy import Float
 
@@ -172,7 +172,7 @@ def _summed(
     found = lattice_moments(
         kernel, operator, kind, step, offset, degree, exact=linear, volume=volume
     )
-    values = {a: m if isinstance(m, (int, Expr)) else _rounded(m) for a, m in found.items()}
+    values = {a: m if isinstance(m, (int, Expr)) else rounded(m) for a, m in found.items()}
     return Moments(values, operator.target(dim), operator.derivatives, "derived")
 
 
