@@ -48,9 +48,10 @@ def real_context() -> Any:
     return context
 
 
-def rounded(m: Any) -> Expr:
-    """A 50-digit number to 40 decimals and 30 digits."""
-    return Float(Rational(int(m.context.nint(m * 10**40)), 10**40), 30)
+def rounded(m: Any, decimals: int = 40) -> Expr:
+    """A 50-digit number to so many decimals, and ten digits fewer."""
+    scale = 10**decimals
+    return Float(Rational(int(m.context.nint(m * scale)), scale), decimals - 10)
 
 
 def lattice_sums(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import comb
 from typing import Any, NamedTuple
 
@@ -91,6 +91,11 @@ def plane(kernel: Kernel, key: Key, z: Any) -> Any:
     else:
         value = _assembled(_plane(kernel, key, _piece(kernel, at), _digits(at)), _digits(at))
     return -value if z < 0 and odd(key) else value
+
+
+def per_distance(kernel: Kernel, key: Key) -> Any:
+    """The slope of `plane` at 0⁺ in 2D and 3D: that of its terms with one power of s₁."""
+    return _exactly(kernel, key, Rational(0), _LOWERED)
 
 
 def cut_sum(kernel: Kernel, key: Key, eta: Any) -> Any:
@@ -340,11 +345,20 @@ def _beyond(kernel: Kernel, key: Key, first: int, number: Arithmetic) -> Terms:
     return terms
 
 
-def _plane(kernel: Kernel, key: Key, first: int, number: Arithmetic) -> Terms:
-    """The integral over the plane at η > 0, or 0⁺, η on the piece `first`."""
+def _plane(
+    kernel: Kernel, key: Key, first: int, number: Arithmetic, lowered: bool = False
+) -> Terms:
+    """The integral over the plane at η > 0, or 0⁺, η on the piece `first`.
+
+    lowered: of the terms with one power of s₁ alone, and without it
+    """
     terms: Terms = {}
     dim, eta = len(key[1]), number.eta
     for c, b, a, j, i in _rows(kernel, key, first):
+        if lowered:
+            if b != 1:
+                continue
+            b = 0
         if b and eta == 0 and not (dim == 1 and b + j == 0):
             continue
         if dim == 1:
@@ -397,3 +411,6 @@ def _circular(b: int, a: int) -> tuple[Fraction, dict[int, Fraction]]:
         if m == 0:
             arc += factor
     return arc, roots
+
+
+_LOWERED = partial(_plane, lowered=True)

@@ -42,6 +42,7 @@ from sphtrunc.operators.terms import FATEHI_MANZARI, Key, Sums
 from sphtrunc.scenes.sites import KINDS, units
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.euler_maclaurin import (
+    KnotTerm,
     euler_maclaurin,
     fractional_part,
     periodic_bernoulli,
@@ -57,19 +58,7 @@ EXTRAPOLATION = Operator("value", "standard", "shepard")
 # -------------------------------------------------------------------------------- sums in 1D
 
 
-class WallTerm(NamedTuple):
-    """coefficient · (Δx/h)^dx_power · B̃_dx_power(knot·h/Δx − θ) of m[term, moment]; `wall` where
-    the knot is the wall."""
-
-    term: Any
-    moment: int
-    dx_power: int
-    knot: Rational
-    coefficient: Rational
-    wall: bool
-
-
-def wall_terms(kernel: Kernel, needed: Iterable[Key], eta: Rational) -> list[WallTerm]:
+def wall_terms(kernel: Kernel, needed: Iterable[Key], eta: Rational) -> list[KnotTerm]:
     """The discretisation error of cut base sums in 1D: that of the knots inside, and of the wall.
 
     f is zero outside its support, so that f^{(m)}(−η⁺) is made by the jumps at the knots p <= −η
@@ -80,13 +69,13 @@ def wall_terms(kernel: Kernel, needed: Iterable[Key], eta: Rational) -> list[Wal
         cut: dict[int, Rational] = {}
         for power, knot, c in euler_maclaurin(kernel, term, k):
             if knot > -eta:
-                found.append(WallTerm(term, k, power, knot, c, False))
+                found.append(KnotTerm(term, k, power, knot, c))
                 continue
             for lower in range(1, power + 1):
                 # c_n = (−1)^{n−1}/n! times the jump of the derivative n − 1
                 scale = Rational((-1) ** (power - lower) * comb(power, lower))
                 cut[lower] = cut.get(lower, 0) + c * scale * (-eta - knot) ** (power - lower)
-        found += [WallTerm(term, k, n, -eta, c, True) for n, c in sorted(cut.items()) if c != 0]
+        found += [KnotTerm(term, k, n, -eta, c) for n, c in sorted(cut.items()) if c != 0]
     return found
 
 
@@ -111,7 +100,7 @@ def cut_lattice_sums(
     for term in wall_terms(kernel, needed, eta):
         key = term.term, (term.moment,)
         sums[key] += term.coefficient * wave(term.dx_power, term.knot)
-        if hit and term.wall and term.dx_power == 1:
+        if hit and term.knot == -eta and term.dx_power == 1:
             sums[key] += (weight - Rational(1, 2)) * dx_over_h * term.coefficient
     if hit:
         for term, (k,) in needed:
@@ -214,17 +203,17 @@ def cut_moments(
     exact: bool = True,
 ) -> dict[MultiIndex, Any]:
     """The moments for Δx/h → 0: exact in 1D and 3D, and in 2D without a correction, where no
-    integral of a ratio is involved (as for dummies and the nested form); else of 30 digits.
+    sums over planes are multiplied (as for dummies and the nested form, of 15 digits); else of 30.
 
     Raises ValueError as the algebra of the operator does.
     """
     require(kernel, operator)
     eta: Any = Rational(wall.eta.numerator, wall.eta.denominator)
-    ratios = wall.ghosts == "dummy" or operator.form == NESTED
+    layered = in_layers(operator, wall.ghosts)
     closed = dim != 2 or operator.uncorrected
     if dim == 3 and operator.form == FATEHI_MANZARI:
         closed = False  # logarithms
-    if ratios or not closed or not exact:
+    if layered or not closed or not exact:
         eta = real_context().mpf(wall.eta.numerator) / wall.eta.denominator
 
     def sums(keys: Iterable[Key], distance: Any) -> dict[Key, Any]:
@@ -240,7 +229,7 @@ def cut_moments(
 
     fluid = HalfSpace(lambda keys: sums(keys, eta), lambda keys: sums(keys, -eta), layers)
     found = moments_of(operator, dim, degree, axis, eta, wall.ghosts, fluid)
-    return {alpha: settled(value) for alpha, value in found.items()}
+    return {alpha: settled(value, 25 if layered else 40) for alpha, value in found.items()}
 
 
 def _nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
@@ -269,9 +258,16 @@ def _digits_of(x: Any) -> Any:
     return ctx.mpf(int(x.p)) / int(x.q) if isinstance(x, Rational) else x
 
 
-def settled(value: Any) -> Any:
-    """An exact number as it is, one of 50 digits to 40 decimals and 30 digits."""
-    return value if isinstance(value, (int, Expr)) else rounded(value)
+def settled(value: Any, decimals: int = 40) -> Any:
+    """An exact number as it is, one of 50 digits as `rounded`, and 0 where that is 0."""
+    if isinstance(value, (int, Expr)):
+        return value
+    return rounded(value, decimals) or Rational(0)
+
+
+def in_layers(operator: Operator, ghosts: str) -> bool:
+    """Sums over planes of particles are multiplied by what these see: dummies, the nested form."""
+    return ghosts == "dummy" or operator.form == NESTED
 
 
 # ------------------------------------------------------------------------------------ on a lattice
@@ -298,13 +294,13 @@ def wall_lattice_moments(
     """
     require(kernel, operator)
     shift, phase = wall.placed(kind, dx_over_h, offset)
-    by_layers = wall.ghosts == "dummy" or operator.form == NESTED
-    if by_layers and KINDS[kind].turned is not None:
+    layered = in_layers(operator, wall.ghosts)
+    if layered and KINDS[kind].turned is not None:
         raise ValueError(
             f"lattice: the particles of one plane of {kind} differ in what they see; expected"
             " another lattice, or no dummies and no nested form"
         )
-    exact = exact and (len(shift) == 1 or (operator.uncorrected and not by_layers))
+    exact = exact and (len(shift) == 1 or (operator.uncorrected and not layered))
     support = Fraction(int(kernel.support.p), int(kernel.support.q))
     share = wall.share
 
