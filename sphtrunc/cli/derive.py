@@ -28,6 +28,10 @@ from sphtrunc.theory.deriving import derive
     show_default=True,
     help="Volume of a particle: Δx^d, half-way to the neighbours (1D), or m/ρ.",
 )
+@options.wall
+@options.wall_at
+@options.wall_weight
+@options.ghosts
 @options.formats("text", "latex", "json")
 @options.output
 def command(
@@ -43,6 +47,10 @@ def command(
     jitter: str | None,
     distribution: str,
     volume: str,
+    wall: str | None,
+    wall_at: str | None,
+    wall_weight: str | None,
+    ghosts: str,
     format_: str,
     output: str | None,
 ) -> None:
@@ -53,6 +61,8 @@ def command(
     sphtrunc derive --kernel wendland-c2 --dim 3 --lattice bcc --dx-over-h 1/2
     sphtrunc derive --kernel 'pos(2-q)^3 - 4*pos(1-q)^3' --dx-over-h 10/13 --format json
     sphtrunc derive --kernel wendland-c2 --dim 2 --dx-over-h 0.6 --jitter 0.05
+    sphtrunc derive --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way
+    sphtrunc derive --kernel cubic-spline --dim 3 --correction csph --form difference --wall
     """
     result = derive(
         kernel,
@@ -67,6 +77,10 @@ def command(
         volume=volume,
         jitter=jitter,
         distribution=distribution,
+        wall=wall,
+        wall_at=wall_at,
+        wall_weight=wall_weight,
+        ghosts=ghosts,
     )
     render = {"text": result.to_text, "latex": result.to_latex, "json": result.to_json}
     emit(render[format_](), output)

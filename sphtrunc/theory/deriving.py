@@ -56,6 +56,10 @@ def derive(
     volume: str = "constant",
     jitter: object = None,
     distribution: str = "gaussian",
+    wall: object = None,
+    wall_at: object = None,
+    wall_weight: object = None,
+    ghosts: str = "none",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
@@ -70,6 +74,12 @@ def derive(
     volume: "constant", or "summation" (all particles alike, 1/Σ W)
     jitter, distribution: σ/Δx along each axis, 0 to 10, and "gaussian", "uniform" or "blue": adds
         `scatter`, mean and spread of the moments when every particle is displaced at random
+    wall: η, the distance of the target in h from a plane wall or a free surface normal to the first
+        axis, or "eta" for the moments as functions of it
+    wall_at: where the lattice has the wall: "particle", "half-way" or the steps to the first plane
+        of particles; None: where the offset puts it
+    wall_weight: what part of a particle on the wall counts, 1/2 unless given
+    ghosts: beyond the wall: "none", "mirror", "odd" (2 A_wall − A) or "dummy" (Shepard means)
 
     In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
     given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
@@ -91,6 +101,28 @@ def derive(
     theta = shift[0]
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
+    if wall is not None:
+        if jitter is not None or volume != "constant":
+            raise ValueError(
+                "wall: displaced particles and summed volumes beside a wall are measured, not"
+                " derived; expected no jitter, and volume constant"
+            )
+        from sphtrunc.theory.wall_derivation import beside
+
+        return beside(
+            derive(kernel, operator, dim=dim, degree=degree),
+            wall,
+            at=wall_at,
+            ghosts=ghosts,
+            weight=wall_weight,
+            dx_over_h=ratio,
+            shift=shift,
+            lattice=kind,
+        )
+    if wall_at is not None or wall_weight is not None or ghosts != "none":
+        raise ValueError(
+            "wall-at, wall-weight, ghosts: belong to a wall; expected --wall η as well"
+        )
     operator.require_pairs(in_pairs(kind, shift))
     needed = operator.needed(dim, degree)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
