@@ -227,7 +227,7 @@ class Around:
         """Displacements in Δx, (D, M, d), block by block, always the same; for so many figures."""
         size = max(self.size, figures * len(self.near))
         most = min(max(WORK // (2 * size), FEWEST), MOST)
-        random = np.random.Generator(np.random.PCG64(0))
+        random = np.random.RandomState(0)  # whose stream never changes
         sources = len(self.points) if self.mixed is None else self.mixed.shape[1]
         done = 0
         while done < most:
