@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from functools import cache
 
 import mpmath
 import numpy as np
 import pytest
 from mpmath import mp
+from oracle import monomial, normalised, shape_of, terms
 
 import sphtrunc
 from sphtrunc.arithmetic import Health
@@ -30,57 +30,23 @@ def test_both_engines_are_tested() -> None:
 
 
 @cache
-def shape(name, dim):
-    """σ_d and, per piece, its end and its polynomial with two derivatives, highest degree first."""
-    kernel = sphtrunc.kernel(name)
-    pieces, mass = [], Fraction(0)
-    for coefficients, low, high in zip(
-        kernel.coefficients(), kernel.knots, kernel.knots[1:], strict=False
-    ):
-        c = [Fraction(int(x.p), int(x.q)) for x in coefficients]
-        low, high = Fraction(int(low.p), int(low.q)), Fraction(int(high.p), int(high.q))
-        mass += sum(x * (high ** (n + dim) - low ** (n + dim)) / (n + dim) for n, x in enumerate(c))
-        derivatives = [c]
-        for _ in range(2):
-            derivatives.append([n * x for n, x in enumerate(derivatives[-1])][1:] or [Fraction(0)])
-        pieces.append((high, [[ratio(x) for x in reversed(d)] for d in derivatives]))
-    return 1 / ({1: 2, 2: 2 * mp.pi, 3: 4 * mp.pi}[dim] * ratio(mass)), pieces
-
-
-def ratio(x):
-    return mp.mpf(x.numerator) / x.denominator
+def kernel_terms(name, dim):
+    """σ_d and the terms of a kernel, in 50 digits."""
+    shape = shape_of(sphtrunc.kernel(name))
+    return normalised(shape, dim), terms(shape)
 
 
 def truth(name, x, h, volume, field, key, a):
     """(−1)^{|δ|} Σ V_b/h^d s^α ∂^δŴ A_b in 50 digits from the exact polynomials; x (d, n)."""
     delta, alpha = key
-    dim, n = x.shape
-    sigma, pieces = shape(name, dim)
-    h = Fraction(h)
+    sigma, term = kernel_terms(name, len(x))
     total = mp.mpf(0)
-    for b in range(n):
-        s = [(Fraction(float(x[i, b])) - Fraction(float(x[i, a]))) / h for i in range(dim)]
-        square = sum(c * c for c in s)
-        inside = [p for end, p in pieces if square < end**2]
-        if not inside:
-            continue
-        number = [ratio(c) for c in s]
-        q = mp.sqrt(ratio(square))
-        w, dw, d2w = (mp.polyval(p, q) for p in inside[0])
-        if isinstance(delta, str):
-            term = mp.mpf(0) if square == 0 else -dw / (q if delta == BROOKSHAW else q**3)
-        elif sum(delta) == 0:
-            term = w
-        elif sum(delta) == 1:
-            term = mp.mpf(0) if square == 0 else -dw * number[delta.index(1)] / q
-        else:
-            i, j = (k for k, m in enumerate(delta) for _ in range(m))
-            e = number[i] * number[j] / q**2 if square else mp.mpf(0)
-            term = d2w * e + dw / q * ((i == j) - e) if square else (i == j) * d2w
-        for c, power in zip(number, alpha, strict=True):
-            term *= c**power
-        total += term * mp.mpf(float(volume[b])) * mp.mpf(float(field[b]))
-    return sigma * total / ratio(h) ** dim
+    places = [[mp.mpf(float(c)) for c in column] for column in x.T]
+    for b, place in enumerate(places):
+        s = [(p - o) / h for p, o in zip(place, places[a], strict=True)]
+        weight = mp.mpf(float(volume[b])) * mp.mpf(float(field[b]))
+        total += term(delta, s) * monomial(s, alpha) * weight
+    return sigma * total / mp.mpf(h) ** len(x)
 
 
 def clusters(dim, count, rng, size=6, h=1.0):
