@@ -177,7 +177,7 @@ def sites(kind: str, reach: Any, offset: Sequence[Fraction] = ()) -> Iterator[li
     offset: of the lattice relative to the target
     """
     cell = crystal(kind)
-    dim = len(cell.basis)
+    basis, dim = cell.basis, len(cell.basis)
     constant = mp.root(mp.mpf(len(cell.places)) / cell.volume, dim)
     shift = [number(o) for o in offset] or [mp.zero] * dim
     # no basis vector is shorter than 1 nor closer than 60° to another: 1/sin 60° < 1.2
@@ -185,8 +185,10 @@ def sites(kind: str, reach: Any, offset: Sequence[Fraction] = ()) -> Iterator[li
     for index in product(range(-most, most + 1), repeat=dim):
         for place in cell.places:
             steps = [n + p for n, p in zip(index, place, strict=True)]
-            along = [[n * c for c in e] for n, e in zip(steps, cell.basis, strict=True)]
-            x = [o + constant * mp.fsum(row) for o, row in zip(shift, zip(*along), strict=True)]
+            x = [
+                shift[i] + constant * mp.fsum(n * e[i] for n, e in zip(steps, basis, strict=True))
+                for i in range(dim)
+            ]
             if mp.fsum(v * v for v in x) <= reach**2:
                 yield x
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from oracle import Shape, added, integral, multiplied
 
 from sphtrunc import Kernel
-from sphtrunc.operators import Operator
+from sphtrunc.operators.operator import Operator
 
 #: operators of every sort on scalar fields
 OPERATORS = [
