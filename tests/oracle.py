@@ -51,7 +51,9 @@ def horner(piece: Sequence[Any], x: Any) -> Any:
     return total
 
 
-def differentiated(piece: Piece, times: int = 1) -> list[Fraction]:
+def differentiated(piece: Piece, times: int = 1) -> Piece:
+    if not times:
+        return piece
     return [c * perm(i, times) for i, c in enumerate(piece)][times:] or [Fraction(0)]
 
 
@@ -107,7 +109,9 @@ def one_sided(shape: Shape, x: Fraction, side: int, derivative: int = 0) -> Frac
 def mean_value(shape: Shape, s: Fraction, derivative: int = 0) -> Fraction:
     """w^{(derivative)}(s) of the even function, the mean of both sides; not normalised."""
     x = abs(s)
-    mean = (one_sided(shape, x, 1, derivative) + one_sided(shape, x, -1, derivative)) / 2
+    mean = one_sided(shape, x, 1, derivative)
+    if x in shape.knots:
+        mean = (mean + one_sided(shape, x, -1, derivative)) / 2
     return mean if s >= 0 else (-1) ** derivative * mean
 
 
