@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
-from functools import cache
 from itertools import pairwise, product
 from math import comb, floor, inf, perm
 from typing import Any, NamedTuple
@@ -143,6 +142,18 @@ def line_sum(
 # --------------------------------------------------------------------------------------- crystals
 
 
+#: every lattice there is, and its dimension
+CRYSTALS = {
+    "uniform": 1,
+    "square": 2,
+    "hexagonal": 2,
+    "cubic": 3,
+    "bcc": 3,
+    "fcc": 3,
+    "hcp": 3,
+}
+
+
 class Crystal(NamedTuple):
     """Basis vectors and the places in the cell, in units of the lattice constant; `sites` in a cell
     of this volume, so that the constant for one site a unit volume is (sites/volume)^{1/d}."""
@@ -152,7 +163,6 @@ class Crystal(NamedTuple):
     volume: Any
 
 
-@cache
 def crystal(kind: str) -> Crystal:
     """The conventional cell, in the digits of the day."""
     half, third, root = mp.mpf(1) / 2, mp.mpf(1) / 3, mp.sqrt
