@@ -30,6 +30,18 @@ def test_both_engines_are_tested() -> None:
     assert ENGINES == ("numba", "numpy")
 
 
+@pytest.mark.parametrize("side", [5, 26])  # few particles and many: 17576
+def test_the_engine_asked_for_is_the_one_that_sums(side) -> None:
+    """However many particles there are; unasked, the compiled one sums as soon as it pays."""
+    scene = particles(np.stack(np.indices((side,) * 3), -1).reshape(-1, 3), h=1.2, volume=1.0)
+    kernel, key = sphtrunc.kernel("cubic-spline"), ((0, 0, 0), (0, 0, 0))
+    for engine in ENGINES:
+        found = pair_sums(scene, kernel, [key], engine=engine, targets=[0, 1])
+        assert found.engine == engine
+    unasked = pair_sums(scene, kernel, [key], targets=[0, 1])
+    assert unasked.engine == {5: "numpy", 26: "numba"}[side]
+
+
 # ------------------------------------------------------------------------------ 50 digits
 
 
