@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from sphtrunc.audit import Audit, audit
 from sphtrunc.audit.recognition import same_shape
-from sphtrunc.kernel import Kernel
-from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.kernels.parse import kernel as parse_kernel
 
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy
@@ -42,7 +42,7 @@ def assert_kernel(
     if report.kernel != wanted.name and not _same(report.kernel, wanted):
         problems.append(f"it is {report.kernel or 'not recognised'}, not {wanted.name}")
     if support is not None:
-        from sphtrunc.kernel import rational
+        from sphtrunc.kernels.arguments import rational
 
         end = support if isinstance(support, float) else float(rational(support, "support"))
         if abs(report.support / end - 1) > 1e-6:
@@ -69,7 +69,7 @@ def kernels(
     from hypothesis import strategies as st
     from sympy import QQ, Poly
 
-    from sphtrunc.kernel import q
+    from sphtrunc.kernels.piecewise import q
 
     fractions = st.fractions(min_value=-4, max_value=4, max_denominator=12)
 

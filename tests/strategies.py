@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import strategies as st
 
 from sphtrunc import Kernel
-from sphtrunc.operators import Operator
+from sphtrunc.operators.operator import Operator
 
 #: operators of every sort on scalar fields
 OPERATORS = [

@@ -18,16 +18,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sphtrunc import derive, kernel
-from sphtrunc.catalogue import names
-from sphtrunc.comparison import compare, predict_error
-from sphtrunc.experiment import measure
-from sphtrunc.fields import Bump, sinusoid
-from sphtrunc.lattice import KINDS
-from sphtrunc.lattice_sums import lattice_moments, lattice_sums
-from sphtrunc.moments import Moments, multi_indices
-from sphtrunc.operators import Operator
-from sphtrunc.scene import jittered, lattice
-from sphtrunc.spectrum import smoothing_error
+from sphtrunc.experiment.fields import Bump, sinusoid
+from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.catalogue import names
+from sphtrunc.kernels.transform import smoothing_error
+from sphtrunc.operators.moments import Moments, multi_indices
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.scenes.sites import KINDS
+from sphtrunc.study.comparison import compare, predict_error
+from sphtrunc.theory.lattice_sums import lattice_moments, lattice_sums
 
 UNIT = 2.0**-53
 DEEP = settings().max_examples if settings().max_examples > 1000 else None
@@ -323,7 +324,7 @@ def test_parts_of_an_error() -> None:
 
 
 def test_what_there_is_no_theory_for_is_said() -> None:
-    from sphtrunc.scene import graded
+    from sphtrunc.scenes.graded import graded
 
     scene = graded(lambda x: 0.3 + 0.0 * x)
     with pytest.raises(ValueError, match="no theory for graded"):

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import QQ, Expr, Integer, Poly, Rational, pi
 
+from sphtrunc.audit.constants import DIGITS, number, recognise
 from sphtrunc.audit.recognition import ANALYTIC, Analytic, Match, conventions, profiles
 from sphtrunc.audit.reconstruction import reconstruct
 from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples
-from sphtrunc.constants import DIGITS, number, recognise
-from sphtrunc.kernel import SPHERE, Kernel, q
+from sphtrunc.kernels.kernel import SPHERE, Kernel
+from sphtrunc.kernels.piecewise import q
 
 Array = NDArray[np.floating[Any]]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sympy import Expr
 
 import sphtrunc.audit.faults as slips
-from sphtrunc import __version__
+from sphtrunc.audit.constants import Constant, constant, number
 from sphtrunc.audit.faults import Fault
 from sphtrunc.audit.recognition import (
     ANALYTIC,
@@ -27,9 +27,10 @@ from sphtrunc.audit.recognition import (
 )
 from sphtrunc.audit.reconstruction import fixed, values
 from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples, from_callable, from_table, load
-from sphtrunc.constants import Constant, constant, number
-from sphtrunc.kernel import SPHERE, Kernel, dimension
-from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.kernels.arguments import dimension
+from sphtrunc.kernels.kernel import SPHERE, Kernel
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.version import __version__
 
 SCHEMA = "sphtrunc.audit/1"
 PUBLISHED = Path(__file__).with_name("published.toml")

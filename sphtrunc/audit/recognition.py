@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import Expr, Rational, pi, sqrt
 
-from sphtrunc import catalogue
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.audit.constants import DIGITS, number
 from sphtrunc.audit.reconstruction import fixed, magnitudes, reconstruct, values
 from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples, node_spacing
-from sphtrunc.constants import DIGITS, number
-from sphtrunc.kernel import Kernel
+from sphtrunc.kernels import catalogue
+from sphtrunc.kernels.kernel import Kernel
 
 Array = NDArray[np.floating[Any]]
 
@@ -120,10 +121,6 @@ class Match:
             slope = Kernel(kernel.knots, pieces)
             size[inside] = np.abs(factor) * magnitudes(slope, q[inside] * self.scale)
         return value, 2 * (4 * kernel.degree + 16) * self.unit * size
-
-
-def fraction(value: Rational) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
 
 
 def recognise_samples(samples: Samples, dim: int) -> Match | None:

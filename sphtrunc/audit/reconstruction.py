@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import QQ, Poly, Rational
 
-from sphtrunc.constants import significance, simplest_between
-from sphtrunc.kernel import Kernel, q
+from sphtrunc.audit.constants import significance, simplest_between
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.kernels.piecewise import q
 
 Array = NDArray[np.floating[Any]]
 Wide = NDArray[np.floating[Any]]  # np.longdouble

@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.summation import Array, compensated_dot, dd, dd_mul, dd_total, dot
 from sphtrunc.bench.report import Table, alternately
-from sphtrunc.experiment import measure
-from sphtrunc.fields import sinusoid
-from sphtrunc.operators import Operator
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.scene import jittered, lattice
-from sphtrunc.summation import Array, compensated_dot, dd, dd_mul, dd_total, dot
-from sphtrunc.tuning import exponents
+from sphtrunc.experiment.fields import sinusoid
+from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.study.tuning import exponents
 
 # ------------------------------------------------------------------------------------ precision
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sphtrunc.bench.report import Report, Table
-from sphtrunc.plot import Panel, Picture, measured, predicted
+from sphtrunc.figures.picture import Panel, Picture, measured, predicted
 
 
 def pictures_of(report: Report) -> Iterator[Picture]:

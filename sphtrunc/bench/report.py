@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from sphtrunc import __version__
-from sphtrunc.engine import threads
+from sphtrunc.experiment.engine import threads
+from sphtrunc.version import __version__
 
 
 @dataclass(frozen=True)

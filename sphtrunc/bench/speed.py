@@ -17,15 +17,16 @@ import numpy as np
 
 import sphtrunc.bench.peers as peers
 from sphtrunc.bench.report import Table, alternately, spread
-from sphtrunc.engine import available, pair_sums, threads
-from sphtrunc.estimates import estimates
-from sphtrunc.experiment import measure
-from sphtrunc.fields import sinusoid
-from sphtrunc.measurement import Measurement
-from sphtrunc.operators import Operator
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.particles import Particles, particles
-from sphtrunc.scene import jittered, lattice
+from sphtrunc.experiment.engine import available, pair_sums, threads
+from sphtrunc.experiment.fields import sinusoid
+from sphtrunc.experiment.measurement import Measurement
+from sphtrunc.experiment.measuring import measure
+from sphtrunc.experiment.one_pass import estimates
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.scenes.particles import Particles, particles
 
 
 def box(side: int, h: float, *, sigma: float = 0.2, dim: int = 3, seed: int = 0) -> Particles:

@@ -11,17 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.summation import UNIT, Array
 from sphtrunc.bench.report import Table
-from sphtrunc.engine import available, pair_sums
-from sphtrunc.estimates import estimates
-from sphtrunc.experiment import measure
-from sphtrunc.fields import sinusoid
-from sphtrunc.moments import multi_indices, unit
-from sphtrunc.operators import Operator
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.particles import Particles, particles
-from sphtrunc.scene import jittered, lattice
-from sphtrunc.summation import UNIT, Array
+from sphtrunc.experiment.engine import available, pair_sums
+from sphtrunc.experiment.fields import sinusoid
+from sphtrunc.experiment.measuring import measure
+from sphtrunc.experiment.one_pass import estimates
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.moments import multi_indices, unit
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.scenes.particles import Particles, particles
 
 SINGLE = 2.0**-24  # relative error of positions in single precision
 _TARGETS = 6

@@ -18,7 +18,7 @@ from sphtrunc.bench.accuracy import precision, work_precision
 from sphtrunc.bench.report import Report, Table, alternately, machine, spread
 from sphtrunc.bench.speed import engine
 from sphtrunc.bench.stability import stability
-from sphtrunc.parse import kernel as parse_kernel
+from sphtrunc.kernels.parse import kernel as parse_kernel
 
 # --------------------------------------------------------------------------------------- derive
 
@@ -40,7 +40,7 @@ def derive(quick: bool) -> Iterator[Table]:
     base = median(times["import sympy"])
     whole = [(name, median(t), median(t) / base, 100 * spread(t)) for name, t in times.items()]
     yield Table("derive, whole process", ("kernel", "seconds", "ratio", "± %"), list(whole))
-    from sphtrunc.theory import derive as derive_moments
+    from sphtrunc.theory.deriving import derive as derive_moments
 
     rows: list[tuple[Any, ...]] = []
     for name in names:

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import click
 
-from sphtrunc import __version__
+from sphtrunc.version import __version__
 
 #: command: its line in `sphtrunc --help`; the command itself is `command` in the module of its name
 COMMANDS = {

@@ -52,7 +52,7 @@ def command(
         emit(report.to_text() if format_ == "text" else report.to_json(), output)
     if pictures is not None:
         from sphtrunc.bench.pictures import pictures_of
-        from sphtrunc.plot import save
+        from sphtrunc.figures.picture import save
 
         for picture in pictures_of(report):
             for path in save(picture, pictures):

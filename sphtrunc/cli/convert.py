@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from sphtrunc import __version__
 from sphtrunc.cli import options
-from sphtrunc.convention import CONVENTIONS, convert
+from sphtrunc.kernels.conventions import CONVENTIONS, convert
 from sphtrunc.output import emit
+from sphtrunc.version import __version__
 
 
 def _quantities(function: Callable[..., Any]) -> Callable[..., Any]:

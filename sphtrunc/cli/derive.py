@@ -6,7 +6,7 @@ import click
 
 from sphtrunc.cli import options
 from sphtrunc.output import emit
-from sphtrunc.theory import derive
+from sphtrunc.theory.deriving import derive
 
 
 @click.command(name="derive")
@@ -65,14 +65,8 @@ def command(
         offset=offset.split(",") if "," in offset else offset,
         lattice=lattice,
         volume=volume,
+        jitter=jitter,
+        distribution=distribution,
     )
-    if dim > 1:
-        from sphtrunc.aliasing import explained
-
-        result = explained(result)
-    if jitter is not None:
-        from sphtrunc.disorder import scattered
-
-        result = scattered(result, jitter, distribution)
     render = {"text": result.to_text, "latex": result.to_latex, "json": result.to_json}
     emit(render[format_](), output)

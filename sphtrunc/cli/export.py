@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
+from sphtrunc.audit.golden import FORMATS, export
 from sphtrunc.cli import options
-from sphtrunc.export import FORMATS, export
 from sphtrunc.output import emit
 
 

@@ -30,7 +30,7 @@ def command(
         for name, (_, says) in FIGURES.items():
             click.echo(f"{name:<24} {says}")
         return 0
-    from sphtrunc.plot import save
+    from sphtrunc.figures.picture import save
 
     compared, off = 0, 0
     for name in names(wanted):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
+from sphtrunc.audit.constants import identify
 from sphtrunc.cli import options
-from sphtrunc.constants import identify
 from sphtrunc.output import emit
 
 

@@ -6,11 +6,11 @@ import json
 
 import click
 
-from sphtrunc import __version__
-from sphtrunc.catalogue import named, names
 from sphtrunc.cli import options
-from sphtrunc.kernel import Kernel
+from sphtrunc.kernels.catalogue import named, names
+from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.output import emit
+from sphtrunc.version import __version__
 
 _HEAD = ("kernel", "support", "β", "smooth", "σ", "W(0)", "∫s²W", "smoothing h²")
 

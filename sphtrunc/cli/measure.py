@@ -69,7 +69,7 @@ def command(**given: Any) -> int:
                      --correction csph --form difference --h-over-lambda 0.02 --rtol 0.01
     sphtrunc measure --kernel cubic-spline --particles snapshot.npz --field values
     """
-    from sphtrunc.experiment import measure
+    from sphtrunc.experiment.measuring import measure
 
     scene, values = _scene(given)
     field = _field(given, scene.dim, values)
@@ -99,8 +99,8 @@ def command(**given: Any) -> int:
 
 def _predicted(given: dict[str, Any], result: Any, scene: Any, field: Any, text: str) -> str:
     """The rendered measurement with its prediction."""
-    from sphtrunc.comparison import beside, beside_text
-    from sphtrunc.operators import Operator
+    from sphtrunc.operators.operator import Operator
+    from sphtrunc.study.comparison import beside, beside_text
 
     operator = Operator(given["operator"], given["form"], given["correction"])
     found = beside(result, scene, given["kernel"], operator, field)
@@ -112,7 +112,8 @@ def _predicted(given: dict[str, Any], result: Any, scene: Any, field: Any, text:
 
 def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     """The scene that the options ask for, and the values that came with the particles."""
-    from sphtrunc.scene import jittered, lattice
+    from sphtrunc.scenes.jittered import jittered
+    from sphtrunc.scenes.lattice import lattice
 
     if given["particles"] is not None:
         for name in ("lattice", "dx_over_h", "jitter", "extent", "offset"):
@@ -144,13 +145,14 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
 def _read(given: dict[str, Any]) -> tuple[Any, Any]:
     """Particles from a file: .npy (x), .npz (x, h, volume, mass, density, values) or .csv with a
     header of x, y, z, h, volume, mass, density, values."""
-    from sphtrunc.particles import particles, read
+    from sphtrunc.scenes.files import read
+    from sphtrunc.scenes.particles import particles
 
     columns: dict[str, Any] = dict(read(given["particles"]))
     values = columns.pop("values", None)
     h = columns.pop("h", None)
     if given["length"] is not None:
-        from sphtrunc.scene import exact
+        from sphtrunc.arithmetic.rational import exact
 
         h = float(exact(given["length"], "h"))
     if h is None:
@@ -161,7 +163,7 @@ def _read(given: dict[str, Any]) -> tuple[Any, Any]:
         columns = {"x": columns["x"], "volume": given["volume"]}
     period = None
     if given["period"] is not None:
-        from sphtrunc.scene import exact
+        from sphtrunc.arithmetic.rational import exact
 
         sides = [float(exact(side, "period")) for side in given["period"].split(",")]
         period = sides if len(sides) > 1 else sides[0]
@@ -169,8 +171,8 @@ def _read(given: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def _field(given: dict[str, Any], dim: int, values: Any) -> Any:
-    from sphtrunc.fields import Values, field, sinusoid
-    from sphtrunc.scene import exact
+    from sphtrunc.arithmetic.rational import exact
+    from sphtrunc.experiment.fields import Values, field, sinusoid
 
     spec = given["spec"]
     if given["h_over_lambda"] is not None:

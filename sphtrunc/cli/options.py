@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sphtrunc.operators import CORRECTIONS, OPERATORS
+from sphtrunc.operators.operator import CORRECTIONS, OPERATORS
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

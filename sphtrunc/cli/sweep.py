@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from sphtrunc.output import emit
-from sphtrunc.study import AXES, NUMERIC, Study, sweep, to_csv, values
+from sphtrunc.study.sweep import AXES, NUMERIC, Study, sweep, to_csv, values
 
 _HELP = {
     "kernel": "A name, formula or file, as for derive; repeat it for several.",

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from sphtrunc import __version__
 from sphtrunc.cli import options
 from sphtrunc.output import emit
+from sphtrunc.version import __version__
 
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 
@@ -69,10 +69,10 @@ def command(**given: Any) -> None:
 
 
 def _document(given: dict[str, Any]) -> dict[str, Any]:
-    from sphtrunc.operators import Operator
-    from sphtrunc.parse import kernel as parse_kernel
-    from sphtrunc.plateau import advice
-    from sphtrunc.tuning import (
+    from sphtrunc.kernels.parse import kernel as parse_kernel
+    from sphtrunc.operators.operator import Operator
+    from sphtrunc.study.plateaus import advice
+    from sphtrunc.study.tuning import (
         MOST_NEIGHBOURS,
         Problem,
         best_at_cost,
@@ -145,7 +145,7 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
 
 def _present(text: str, kernel: Any, dim: int) -> float:
     """Δx/h of NAME=VALUE."""
-    from sphtrunc.convention import convert
+    from sphtrunc.kernels.conventions import convert
 
     name, equals, value = text.partition("=")
     if not equals:
@@ -158,7 +158,7 @@ _AIMS = ("error", "particles_per_wavelength", "particles", "pairs", "seconds")
 
 def _runs(given: dict[str, Any], problem: Any, kernel: Any) -> dict[str, Any]:
     """The runs of a table, and what is found of them."""
-    from sphtrunc.plateau import explain, findings, read_table
+    from sphtrunc.study.plateaus import explain, findings, read_table
 
     rows = read_table(given["table"], problem.dim, given["wavelength"], given["box"])
     runs = explain(problem, kernel, rows)
@@ -199,7 +199,7 @@ def _made_of(error: dict[str, float]) -> str:
 
 
 def _text(document: dict[str, Any]) -> str:
-    from sphtrunc.plateau import power_text
+    from sphtrunc.study.plateaus import power_text
 
     dim, sigma = document["dim"], document["jitter"]
     corrected = "" if document["correction"] == "none" else f", {document['correction']}"

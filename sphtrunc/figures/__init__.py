@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sphtrunc.plot import Picture
+    from sphtrunc.figures.picture import Picture
 
 #: name of a figure: (module, what it shows)
 FIGURES = {
@@ -24,11 +24,11 @@ FIGURES = {
     "first-order": ("disorder", "CSPH and RKPM-1 against standard and difference forms."),
     "3d-standard": ("disorder", "3D, σ/Δx = 0.2, against h/λ and neighbours."),
     "3d-corrected": ("disorder", "The same for corrected forms."),
-    "stencils": ("choices", "Weights beside central differences; modified wavenumbers."),
-    "tuning": ("choices", "Total error over (h/λ, Δx/h) with the best path."),
+    "stencils": ("tradeoffs", "Weights beside central differences; modified wavenumbers."),
+    "tuning": ("tradeoffs", "Total error over (h/λ, Δx/h) with the best path."),
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
-    "round-off": ("choices", "Rounding of three forms in three precisions, and its floors."),
-    "work-precision": ("choices", "Error against pairs, along the best path."),
+    "round-off": ("tradeoffs", "Rounding of three forms in three precisions, and its floors."),
+    "work-precision": ("tradeoffs", "Error against pairs, along the best path."),
 }
 
 

@@ -10,19 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.convention import BALL
+from sphtrunc.arithmetic.summation import UNIT
+from sphtrunc.experiment.wavelengths import waves
+from sphtrunc.figures.picture import Curve, Panel, Picture, measured, predicted, slope
 from sphtrunc.figures.uniform import DX, H, named
-from sphtrunc.operators import FATEHI_MANZARI, Operator
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
-from sphtrunc.response import Split, predict_waves
-from sphtrunc.scene import graded, jittered, lattice
-from sphtrunc.summation import UNIT
-from sphtrunc.waves import waves
+from sphtrunc.kernels.conventions import BALL
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.operator import Operator
+from sphtrunc.operators.terms import FATEHI_MANZARI
+from sphtrunc.scenes.graded import graded
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.theory.field_error import Split, predict_waves
 
 if TYPE_CHECKING:
-    from sphtrunc.kernel import Kernel
-    from sphtrunc.measurement import Measurement
+    from sphtrunc.experiment.measurement import Measurement
+    from sphtrunc.kernels.kernel import Kernel
 
 ERROR = "rms error / largest exact gradient"
 STANDARD = Operator("gradient")
@@ -223,7 +226,7 @@ def relaxed(ratio: float, sigma: float, n: int, steps: int = 20) -> Any:
 
     A linear repulsion: each step moves a particle by a quarter of the difference of its two gaps.
     """
-    from sphtrunc.particles import particles
+    from sphtrunc.scenes.particles import particles
 
     rng = np.random.default_rng(SEED)
     u = rng.normal(size=n)

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sphtrunc.operators import Operator
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.plot import Curve, Panel, Picture, measured, predicted, slope
-from sphtrunc.poisson import response as reciprocal
-from sphtrunc.response import predict_waves
-from sphtrunc.scene import lattice
-from sphtrunc.spectrum import smoothing_error, transform
-from sphtrunc.theory import derive
-from sphtrunc.waves import degree_of_series, waves
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.experiment.wavelengths import degree_of_series, waves
+from sphtrunc.figures.picture import Curve, Panel, Picture, measured, predicted, slope
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.kernels.transform import smoothing_error, transform
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.theory.deriving import derive
+from sphtrunc.theory.field_error import predict_waves
+from sphtrunc.theory.reciprocal_sums import response as reciprocal
 
 if TYPE_CHECKING:
-    from sphtrunc.kernel import Kernel
+    from sphtrunc.kernels.kernel import Kernel
 
 ERROR = "rms error of the gradient / largest exact gradient"
 H = r"$h/\lambda$"
@@ -112,7 +113,7 @@ def kernels(kernel: str | None, quick: bool) -> Picture:
 def uniform_smoothing(kernel: str | None, quick: bool) -> Picture:
     """Error against h/λ at several Δx/h."""
     shape = parse_kernel(kernel or "polynomial:4")
-    kappa = _fraction(shape)
+    kappa = fraction(shape.support)
     ratios = [2 * kappa / n for n in (5, 7, 9, 11, 20)]
     fine = [float(x) for x in np.geomspace(1e-4, 0.5, 120 if quick else 200)]
     coarse = [float(x) for x in np.geomspace(1e-4, 0.5, 8 if quick else 19)]
@@ -134,7 +135,7 @@ def uniform_smoothing(kernel: str | None, quick: bool) -> Picture:
 def uniform_discretisation(kernel: str | None, quick: bool) -> Picture:
     """Error against Δx/h at several h/λ, aligned and generic ratios, and the edge-only formula."""
     shape = parse_kernel(kernel or "polynomial:4")
-    kappa = _fraction(shape)
+    kappa = fraction(shape.support)
     span = (Fraction(1, 5), Fraction(3, 4) * kappa)
     lengths = [0.001, 0.01, 0.1]
     generic = _ratios(span, 8 if quick else 16)
@@ -237,10 +238,6 @@ def named(kernel: Kernel) -> str:
     if name == "polynomial" and beta.isdigit():
         return rf"{kernel.name}, $(4 - q^2)^{{{int(beta) + 1}}}$"
     return kernel.name if len(kernel.name) <= 40 else f"{kernel.name[:39]}…"
-
-
-def _fraction(kernel: Kernel) -> Fraction:
-    return Fraction(int(kernel.support.p), int(kernel.support.q))
 
 
 def _short(ratio: Fraction) -> str:

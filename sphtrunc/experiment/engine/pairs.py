@@ -1,0 +1,282 @@
+"""The pair formula: what one neighbour adds to the sums of a target, written once for every number.
+
+Everything that operators need of the particles is a combination of the radial sums
+
+    R[k, β, f] = Σ_b V_b f_k(q_b) s_b^β A_b,      s = (x_b − x_a)/h_a,
+
+f_k the radial factors of the kernel and A a field (1 for the moments; A_b − A_a on request). The
+formula runs on NumPy arrays and on the SIMD lanes of the compiled engine, and on both with a
+running bound of its own rounding error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sphtrunc.arithmetic.summation import UNIT
+from sphtrunc.experiment.engine.bounds import Bounded, BoundedNumbers
+from sphtrunc.kernels.factors import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
+from sphtrunc.operators.moments import MultiIndex, add
+from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.kernel import Kernel
+
+COUNT = 4  # R[COUNT, 0]: particles within the support, and 2²⁶ times those not at the target
+MOST = 2.0**26
+OTHERS = 5  # Ŵ′/q without the particle at s = 0
+#: powers of h_a/h_ab beyond d that a factor carries where a pair has an h of its own
+_STRETCH = {VALUE: 0, SLOPE: 2, CURVATURE: 4, STEEP: 4, COUNT: 0, OTHERS: 2}
+
+
+class Term(NamedTuple):
+    """One radial sum: factor k, monomial β, field (−1: none)."""
+
+    k: int
+    beta: MultiIndex
+    field: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a pass over the pairs sums; everything in it is fixed when the loop is compiled.
+
+    factors: (k, radial factor) in use; terms: the sums; fields: how many
+    difference: A_b − A_a in place of A_b
+    mode: "one" (h of the target), "scatter" or "mean"
+    low: positions are pairs of floats (images in a periodic box)
+    compensated: sums carry their rounding errors; bound: sums carry a bound of all errors
+    quantum: relative error that the positions came with; the bound carries it
+    support: κ; even: no kernel factor needs q, q² will do
+    """
+
+    dim: int
+    factors: tuple[tuple[int, Radial], ...]
+    terms: tuple[Term, ...]
+    fields: int
+    difference: bool
+    mode: str
+    low: bool
+    compensated: bool
+    bound: bool
+    quantum: float
+    support: float
+    even: bool
+
+
+def plan(
+    kernel: Kernel,
+    dim: int,
+    terms: Iterable[Term],
+    *,
+    fields: int = 0,
+    difference: bool = False,
+    mode: str = "one",
+    low: bool = False,
+    compensated: bool = False,
+    bound: bool = False,
+    quantum: float = 0.0,
+) -> Plan:
+    """The plan for these sums with this kernel."""
+    terms = tuple(dict.fromkeys(terms))
+    used = {SLOPE if t.k == OTHERS else t.k for t in terms} - {COUNT}
+    factors = tuple((k, radial(kernel, dim, k)) for k in sorted(used))
+    return Plan(
+        dim=dim,
+        factors=factors,
+        terms=terms,
+        fields=fields,
+        difference=difference,
+        mode=mode,
+        low=low,
+        compensated=compensated,
+        bound=bound,
+        quantum=quantum,
+        support=float(kernel.support),
+        even=all(f.even for _, f in factors),
+    )
+
+
+# ---------------------------------------------------------------- base sums out of radial sums
+
+
+def radial_terms(key: Key) -> dict[tuple[int, MultiIndex], int]:
+    """m[δ, α] = (−1)^{|δ|} Σ V s^α ∂^δŴ as a combination of radial sums {(k, β): coefficient}."""
+    delta, alpha = key
+    if delta == BROOKSHAW:
+        return {(OTHERS, alpha): -1}
+    if delta == FATEHI_MANZARI:
+        return {(STEEP, alpha): -1}
+    order = sum(delta)
+    if order == 0:
+        return {(VALUE, alpha): 1}
+    if order == 1:
+        return {(SLOPE, add(alpha, delta)): -1}
+    combination = {(CURVATURE, add(alpha, delta)): 1}
+    if max(delta) == 2:
+        combination[SLOPE, alpha] = 1
+    return combination
+
+
+def needed_terms(keys: Iterable[Key], fields: int, field_keys: Iterable[Key]) -> list[Term]:
+    """The radial sums behind base sums `keys` and field-weighted sums `field_keys`."""
+    terms = [Term(k, beta, -1) for key in keys for k, beta in radial_terms(key)]
+    for f in range(fields):
+        terms += [Term(k, beta, f) for key in field_keys for k, beta in radial_terms(key)]
+    return list(dict.fromkeys(terms))
+
+
+def base_sum(key: Key, field: int, sums: Mapping[Term, Any]) -> Any:
+    """m[δ, α], or with the field in every term, from the radial sums."""
+    total: Any = None
+    for (k, beta), c in radial_terms(key).items():
+        part = sums[Term(k, beta, field)]
+        part = part if c == 1 else c * part
+        total = part if total is None else total + part
+    return total
+
+
+# ------------------------------------------------------------------------------ the formula
+
+
+class Ends(NamedTuple):
+    """A particle at one end of a pair: numbers, arrays or lanes.
+
+    x, low: coordinates; volume: V_b (sources only); fields: A; per_h: 1/h
+    """
+
+    x: list[Any]
+    low: list[Any]
+    volume: Any
+    fields: list[Any]
+    per_h: Any
+
+
+def row_counts(plan: Plan) -> tuple[int, int, int]:
+    """Rows of the sources (x, low, V, A, 1/h), of what targets are (x, low, 1/h, A), and of the
+    sums (themselves, their compensations, their bounds)."""
+    places = plan.dim * (2 if plan.low else 1)
+    own = plan.fields if plan.difference else 0
+    per_term = 1 + int(plan.compensated) + int(plan.bound)
+    sources = places + 1 + plan.fields + int(plan.mode != "one")
+    return sources, places + 1 + own, per_term * len(plan.terms)
+
+
+def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) -> list[Any]:
+    """The contributions of pairs given as rows of numbers, as in `row_counts`."""
+    d = plan.dim
+    places = d * (2 if plan.low else 1)
+    if plan.bound:
+        target = [Bounded(number, x, 0.0) for x in target]
+        source = [Bounded(number, x, 0.0) for x in source]
+        for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
+            per_h.error = number.scale(per_h.value) * UNIT  # 1/h is rounded, what was given is not
+        number = BoundedNumbers(number, plan.quantum)
+    a = Ends(target[:d], target[d:places], None, target[places + 1 :], target[places])
+    b = Ends(source[:d], source[d:places], source[places], source[places + 1 :], source[-1])
+    return contributions(plan, number, a, b)
+
+
+def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[Any]:
+    """V_b f_k(q) s^β A_b for every term of the plan."""
+    s = []
+    for i in range(plan.dim):
+        d = number.difference(source.x[i], target.x[i])
+        if plan.low:
+            d = d + (source.low[i] - target.low[i])
+        s.append(d * target.per_h)
+    squares = s[0] * s[0]
+    for s_i in s[1:]:
+        squares = squares + s_i * s_i
+    stretch = None
+    if plan.mode == "scatter":
+        stretch = source.per_h / target.per_h
+    elif plan.mode == "mean":
+        stretch = (source.per_h + source.per_h) / (source.per_h + target.per_h)
+    seen = squares if stretch is None else squares * (stretch * stretch)
+    q = None if plan.even else number.sqrt(seen)
+    factors: dict[int, Any] = {}
+    for k, f in plan.factors:
+        factors[k] = _radial(number, f, seen if f.even else q, squares)
+    if any(t.k == OTHERS for t in plan.terms):
+        factors[OTHERS] = number.others(squares, factors[SLOPE])
+    if any(t.k == COUNT for t in plan.terms):
+        edge = plan.support**2 if plan.even else plan.support
+        factors[COUNT] = number.within(seen if plan.even else q, edge, squares)
+    if stretch is not None:
+        for k in factors:
+            for _ in range(0 if k == COUNT else plan.dim + _STRETCH[k]):
+                factors[k] = factors[k] * stretch
+    monomials: dict[MultiIndex, Any] = {}
+
+    def monomial(beta: MultiIndex) -> Any:
+        if beta not in monomials:
+            axis = next(i for i, n in enumerate(beta) if n)
+            lower = tuple(n - (i == axis) for i, n in enumerate(beta))
+            monomials[beta] = monomial(lower) * s[axis] if any(lower) else s[axis]
+        return monomials[beta]
+
+    weighted: dict[tuple[int, int], Any] = {}
+    for t in plan.terms:
+        if (t.k, t.field) not in weighted:
+            weight = source.volume
+            if t.k == COUNT:
+                weight = 1.0
+            elif t.field >= 0 and plan.difference:
+                weight = (source.fields[t.field] - target.fields[t.field]) * weight
+            elif t.field >= 0:
+                weight = source.fields[t.field] * weight
+            weighted[t.k, t.field] = factors[t.k] * weight
+    return [
+        weighted[t.k, t.field] * monomial(t.beta) if any(t.beta) else weighted[t.k, t.field]
+        for t in plan.terms
+    ]
+
+
+def _radial(number: Any, f: Radial, x: Any, squares: Any) -> Any:
+    """f_k at x (q, or q² for an even kernel), the piece picked without a branch."""
+    value: Any = None
+    for piece in reversed(f.pieces):
+        inner = _piece(number, piece, x, squares)
+        if value is None and piece.vanishes:
+            value = inner
+            continue
+        value = number.pick(x, piece.end, inner, 0.0 if value is None else value, piece.mean)
+    return value
+
+
+def _piece(number: Any, piece: Piece, x: Any, squares: Any) -> Any:
+    """t^m Σ c_i t^i / x^pole."""
+    t = x
+    if piece.centre:
+        t = number.constant(piece.centre) - x
+        if piece.centre_low:
+            t = t + piece.centre_low
+        if piece.vanishes:
+            t = number.positive(t)
+    value: Any = None
+    for c, error in reversed(list(zip(piece.coefficients, piece.errors, strict=True))):
+        if value is None:
+            value = number.constant(c, error)
+        else:
+            value = value * t + number.constant(c, error) if c else value * t
+    value = number.constant(0.0) if value is None else value
+    if piece.power:
+        value = value * power(t, piece.power)
+    if piece.pole:
+        value = number.others(squares, value / power(x, piece.pole))
+    return value
+
+
+def power(t: Any, n: int) -> Any:
+    """t^n, n >= 1, by repeated squaring."""
+    result: Any = None
+    while n:
+        if n & 1:
+            result = t if result is None else result * t
+        n >>= 1
+        if n:
+            t = t * t
+    return result

@@ -1,0 +1,255 @@
+"""The discrete sums of one block of targets, written once for every arithmetic: floats, floats with
+a bound, pairs of floats, 60 digits. Neighbours run along axis 0, targets along axis 1.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.arithmetic.bounded import Ball
+from sphtrunc.arithmetic.extended import Pair
+from sphtrunc.arithmetic.linear_systems import Health
+from sphtrunc.kernels.values import kernel_values
+from sphtrunc.operators.corrections import combine
+from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
+from sphtrunc.operators.operator import Operator
+from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.kernel import Kernel
+
+
+class Weights:
+    """The terms of an operator at the neighbours of T targets, (N, T), in an arithmetic, and sums
+    of them; arguments as of `estimate`."""
+
+    def __init__(
+        self,
+        number: Any,
+        s: list[Any],
+        volume: Any,
+        kernel: Kernel,
+        operator: Operator,
+        stretch: Any = None,
+    ) -> None:
+        self.number, self.s, self.operator = number, s, operator
+        self.terms = _terms(number, s, number.length(s), volume, kernel, operator, stretch)
+        self._monomials: dict[MultiIndex, Any] = {}
+
+    def monomial(self, alpha: MultiIndex) -> Any:
+        """s^α, and the number 1 for α = 0."""
+        if not any(alpha):
+            return 1
+        if alpha not in self._monomials:
+            axis = next(i for i, n in enumerate(alpha) if n)
+            lower = tuple(n - (i == axis) for i, n in enumerate(alpha))
+            s = self.s[axis]
+            self._monomials[alpha] = self.monomial(lower) * s if any(lower) else s
+        return self._monomials[alpha]
+
+    def total(self, key: Key, factor: Any = None) -> Any:
+        """Σ_b s^α (term)_b factor_b."""
+        term, alpha = key
+        weight = self.terms[term]
+        if any(alpha):
+            weight = weight * self.monomial(alpha)
+        return self.number.total(weight) if factor is None else self.number.dot(weight, factor)
+
+    def coefficients(self, health: Health) -> tuple[list[dict[Key, Any]], dict[Key, Any]]:
+        """`Operator.coefficients` at the targets, and the sums that they are made of."""
+        dim, operator = len(self.s), self.operator
+        sums: dict[Key, Any] = {}
+        if not operator.uncorrected:
+            sums = {key: self.total(key) for key in operator.needed(dim, 0)}
+        solve = partial(self.number.solve, health=health)
+        return operator.coefficients(sums, dim, solve), sums
+
+
+def estimate(
+    number: Any,
+    s: list[Any],
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    degree: int | None,
+    fields: list[Any],
+    health: Health,
+    stretch: Any = None,
+    density: Any = None,
+) -> tuple[list[Any], dict[MultiIndex, Any]]:
+    """Components of the estimate, and moments up to `degree`, in the arithmetic `number`.
+
+    s: offsets along each axis, (N, T); volume: V/h^d; fields: samples, one for a scalar, d for a
+    vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
+    """
+    dim = len(s)
+    zero = unit(dim, 0, 0)
+    weights = Weights(number, s, volume, kernel, operator, stretch)
+    parts, sums = weights.coefficients(health)
+    moments: dict[MultiIndex, Any] = {}
+    if degree is not None:
+        factor = density if operator.form == "symmetric" else None
+        for alpha in multi_indices(dim, degree):
+            for term, gamma in parts[0]:
+                key = term, add(alpha, gamma)
+                if key not in sums:
+                    sums[key] = weights.total(key, factor)
+            moments[alpha] = combine(parts[0], sums, alpha)
+        if operator.uses_difference:
+            moments[zero] = number.number(np.full(_targets(s), float(operator.derivatives == 0)))
+        elif operator.form == "symmetric":
+            if factor is None:
+                moments[zero] = 2 * moments[zero]
+            else:
+                back = number.ratio(number.number(np.ones(1)), density)
+                moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
+    found = []
+    for one in fields:
+        seen = one.difference
+        if operator.form == "symmetric":
+            seen = _symmetric(number, one, density)
+        elif not operator.uses_difference:
+            seen = one.difference + one.own
+        keys = dict.fromkeys(key for part in parts for key in part)
+        at = {key: weights.total(key, seen) for key in keys}
+        found.append([sum(c * at[key] for key, c in part.items()) for part in parts])
+    return _contracted(operator, found, fields, dim), moments
+
+
+def _targets(s: list[Any]) -> tuple[int, ...]:
+    shape = (s[0].middle if isinstance(s[0], Ball) else getattr(s[0], "high", s[0])).shape
+    return tuple(shape[1:])
+
+
+def _terms(
+    number: Any,
+    s: list[Any],
+    q: Any,
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    stretch: Any,
+) -> dict[Any, Any]:
+    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
+    dim = len(s)
+    needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
+    argument = q if stretch is None else q * stretch
+    weight = volume
+    if stretch is not None:
+        for _ in range(dim):
+            weight = weight * stretch
+    terms: dict[Any, Any] = {}
+    order = max(1 if isinstance(term, str) else sum(term) for term in needed)
+    slope: Any = None
+    axes: list[Any] = []
+    if order:
+        slope = -kernel_term(number, kernel, argument, 1, dim, weight, stretch)
+        axes = number.directions(s, q)
+    for term in needed:
+        if term in (BROOKSHAW, FATEHI_MANZARI):
+            terms[term] = number.ratio(slope, q)
+            if term == FATEHI_MANZARI:
+                terms[term] = number.ratio(number.ratio(terms[term], q), q)
+        elif sum(term) == 0:
+            terms[term] = kernel_term(number, kernel, argument, 0, dim, weight, stretch)
+        elif sum(term) == 1:
+            terms[term] = slope * axes[term.index(1)]
+        else:
+            terms[term] = _second(number, q, slope, axes, term, kernel, argument, weight, stretch)
+    return terms
+
+
+def kernel_term(
+    number: Any, kernel: Kernel, q: Any, derivative: int, dim: int, weight: Any, stretch: Any
+) -> Any:
+    """V Ŵ^(k)(q), with the powers of h_a/h_ab that belong to it."""
+    value = kernel_values(number, kernel, q, derivative, dim) * weight
+    if stretch is not None:
+        for _ in range(derivative):
+            value = value * stretch
+    return value
+
+
+def _second(
+    number: Any,
+    q: Any,
+    slope: Any,
+    axes: list[Any],
+    term: MultiIndex,
+    kernel: Kernel,
+    argument: Any,
+    weight: Any,
+    stretch: Any,
+) -> Any:
+    """V ∂ᵢ∂ⱼŴ = V [Ŵ″ eᵢeⱼ + (Ŵ′/q)(δᵢⱼ − eᵢeⱼ)]; at the target itself δᵢⱼ Ŵ″(0)."""
+    dim = len(axes)
+    curvature = kernel_term(number, kernel, argument, 2, dim, weight, stretch)
+    i, *rest = (k for k, n in enumerate(term) for _ in range(n))
+    j = rest[0]
+    if dim == 1:
+        return curvature
+    both = axes[i] * axes[j]
+    around = number.ratio(slope, q)  # −V Ŵ′/q
+    at_target = _zero(q)
+    result = curvature * both - around * (float(i == j) - both)
+    if not np.any(at_target):
+        return result
+    if i == j and not kernel.curved_at_0:
+        raise ValueError(
+            f"form: the second derivatives of {kernel.name} do not exist at the particle itself in"
+            f" {dim}D; expected the form difference or brookshaw"
+        )
+    own = curvature if i == j else 0 * curvature
+    return number.drop(result, at_target) + number.drop(own, ~at_target)
+
+
+def _zero(q: Any) -> Any:
+    """Where q is exactly 0."""
+    if isinstance(q, Ball):
+        return (q.middle == 0.0) & (q.radius == 0.0)
+    return (q.high if isinstance(q, Pair) else q) == 0
+
+
+def _symmetric(number: Any, one: Any, density: Any) -> Any:
+    """A_b ρ_a/ρ_b + A_a ρ_b/ρ_a."""
+    if density is None:
+        return one.difference + one.own + one.own
+    back = number.ratio(number.number(np.ones(1)), density)
+    return (one.difference + one.own) * density + one.own * back
+
+
+def _contracted(
+    operator: Operator, found: list[list[Any]], fields: list[Any], dim: int
+) -> list[Any]:
+    """Components of the operator from estimates [field component][derivative component]."""
+    if not fields:
+        return []
+    if operator.name == "divergence":
+        return [sum((found[i][i] for i in range(1, dim)), found[0][0])]
+    if operator.name == "curl":
+        if dim == 2:
+            return [found[1][0] - found[0][1]]
+        return [found[(i + 2) % 3][(i + 1) % 3] - found[(i + 1) % 3][(i + 2) % 3] for i in range(3)]
+    parts = list(found[0])
+    if operator.name == "value" and operator.form == "difference":
+        return [parts[0] + fields[0].own]
+    return parts
+
+
+def exact_derivatives(operator: Operator, fields: list[Any], dim: int) -> list[Any] | None:
+    """What the components of the estimate stand for, from the samples."""
+    if any(one.derivatives is None for one in fields):
+        return None
+    rows = Operator("gradient").components(dim) if operator.derivatives == 1 else []
+    rows = rows or operator.components(dim)
+    try:
+        found = [
+            [sum((one.derivatives[mu] for mu in row[1:]), one.derivatives[row[0]]) for row in rows]
+            for one in fields
+        ]
+    except KeyError:
+        return None
+    return _contracted(Operator(operator.name), found, fields, dim) if found else None

@@ -1,0 +1,196 @@
+"""Displaced lattices: every particle moved at random, as a pure function of seed and place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.arithmetic.rational import exact, fraction, fractions
+from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
+from sphtrunc.scenes import random_numbers as jitter
+from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _stencil, _whole
+from sphtrunc.scenes.neighbourhood import EDGE, assemble
+from sphtrunc.scenes.neighbourhood import Indices as Indices
+from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
+from sphtrunc.scenes.sites import KINDS
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.kernel import Kernel
+
+
+@dataclass(frozen=True)
+class Jittered:
+    """A lattice whose particles are displaced at random: u, of standard deviation σ/Δx along each
+    axis, is a pure function of (seed, lattice index). Made by `jittered`."""
+
+    lattice: Lattice
+    sigma: float
+    distribution: str
+    seed: int
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return self.lattice.dim
+
+    @property
+    def volume(self) -> str:
+        """The rule for the volumes."""
+        return self.lattice.volume
+
+    @property
+    def population(self) -> int:
+        """The number of different targets: the particles of the scene."""
+        return self.lattice.particles
+
+    @property
+    def particles(self) -> int:
+        """The number of particles of the scene."""
+        return self.lattice.particles
+
+    @property
+    def largest(self) -> float:
+        """The largest displacement along one axis, in Δx."""
+        most = self.sigma * jitter.largest(self.distribution) * EDGE
+        if self.distribution == "blue":
+            most *= 2.0 / (1.0 + 1.0 / len(KINDS[self.lattice.kind].nearest)) ** 0.5
+        return most
+
+    @property
+    def target_moves(self) -> bool:
+        """A target is a particle and moves with it, unless the lattice has an offset."""
+        return not any(self.lattice.offset)
+
+    def _sites(self, kernel: Kernel, reach: int = 1) -> Indices:
+        slack = self.largest * (2.0 if self.target_moves else 1.0)
+        margin = 1.0 + 3.0 * slack if self.volume == "cell" else 0.0
+        reach += self.volume == "summation"
+        return _stencil(self.lattice, kernel, slack, margin, reach)
+
+    def rows(self, kernel: Kernel) -> int:
+        """The number of candidates that are looked at for a target."""
+        return int(self._sites(kernel).shape[1])
+
+    def displacement(self, index: Indices) -> Array:
+        """u, (d, …) in Δx, of the particles at integer points `index`, (d, …)."""
+        return np.stack(list(self._displacement(jitter.place(index))))
+
+    def _displacement(self, place: jitter.Bits) -> Iterator[Array]:
+        """u along one axis after the other."""
+        bits = jitter.noise(place, self.seed)
+        if self.distribution != "blue":
+            for axis in range(self.dim):
+                u = jitter.component(bits, axis, self.distribution)
+                u *= self.sigma
+                yield u
+            return
+        # less the mean over the nearest neighbours: spectrum (1 − mean cos)², none at long waves
+        steps = KINDS[self.lattice.kind].nearest
+        scale = self.sigma / (1.0 + 1.0 / len(steps)) ** 0.5
+        around = [
+            jitter.noise(place + jitter.place(np.array(step, dtype=np.int64)), self.seed)
+            for step in steps
+        ]
+        for axis in range(self.dim):
+            u = jitter.component(around[0], axis, "blue")
+            for other in around[1:]:
+                u += jitter.component(other, axis, "blue")
+            u *= -1.0 / len(steps)
+            u += jitter.component(bits, axis, "blue")
+            u *= scale
+            yield u
+
+    def origin(self, target: Indices) -> Indices:
+        """Integer points (d, T) of the targets 0 … extent^d − 1."""
+        rest, steps = target, []
+        for _ in range(self.dim):
+            rest, step = np.divmod(rest, self.lattice.extent)
+            steps.append(step)
+        primitive = np.array(KINDS[self.lattice.kind].primitive, dtype=np.int64)
+        return np.asarray(primitive.T @ np.stack(steps))
+
+    def neighbourhood(
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
+    ) -> Neighbourhood:
+        """All particles within so many supports of the targets, (d, N, T), N the largest number."""
+        m = self._sites(kernel, reach)
+        base, base_low = _positions(self.lattice, m, Fraction(1), extended or errors)
+        dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
+        origin = jitter.place(self.origin(target))
+        place = jitter.place(m)[:, None] + origin
+        own = list(self._displacement(origin))
+        offset = np.empty((self.dim, *place.shape))
+        low, error = [], []
+        for axis, u in enumerate(self._displacement(place)):
+            row, mine = base[axis][:, None], own[axis] if self.target_moves else 0.0 * own[axis]
+            if base_low is not None:
+                difference = two_sum(u, np.broadcast_to(-mine, u.shape))
+                both = dd_add(difference, (row, base_low[axis][:, None]))
+                fine = dd_mul(both, (np.array(dx_over_h[0]), np.array(dx_over_h[1])))
+            u -= mine
+            s = np.add(u, row, out=offset[axis])
+            s *= dx_over_h[0]
+            if extended:
+                offset[axis], rest = fine
+                low.append(rest)
+            elif errors:  # what the rounded formula is off by
+                gap = np.abs((fine[0] - s) + fine[1])
+                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
+        volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
+        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
+        m = self._sites(kernel, reach)
+        origin = self.origin(np.array([target]))
+        moved = fractions(self.displacement(m + origin))
+        if self.target_moves:
+            moved -= fractions(self.displacement(origin))
+        offset = (_exact_positions(self.lattice, m) + moved) * self.lattice.dx_over_h
+        volume = np.full(m.shape[1], self.lattice.dx_over_h**self.dim, dtype=object)
+        if self.volume == "cell":
+            offset = np.sort(offset, axis=1)
+            volume = (offset[0, 2:] - offset[0, :-2]) / 2
+            offset = offset[:, 1:-1]
+        near = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
+        return offset[:, near], volume[near]
+
+
+def jittered(
+    lattice: Lattice, sigma: float, distribution: str = "gaussian", seed: int = 0
+) -> Jittered:
+    """The lattice with every particle displaced, the target too (unless it sits at an offset).
+
+    sigma: standard deviation σ/Δx of the displacement along each axis.
+    distribution: "gaussian", cut at four standard deviations and of unit variance all the same;
+        "uniform", of equal standard deviation; "blue", v less the mean of v over the nearest
+        lattice neighbours, v Gaussian: u_n = (v_n − mean v)/√(1 + 1/z), so that the spectrum is
+        that of v times (1 − mean cos k·e)²/(1 + 1/z), z the number of neighbours.
+    seed: 0 … 2⁶³ − 1.
+
+    Raises ValueError for what is out of range.
+    """
+    value = float(exact(sigma, "jitter"))
+    if not 0 <= value <= 10:
+        raise ValueError(f"jitter: got {value:g}, expected a standard deviation σ/Δx from 0 to 10")
+    if distribution not in jitter.DISTRIBUTIONS:
+        raise ValueError(
+            f"distribution: got {distribution!r}, expected one of {', '.join(jitter.DISTRIBUTIONS)}"
+        )
+    if distribution == "blue" and not KINDS[lattice.kind].nearest:
+        raise ValueError(
+            f"distribution: blue needs the same neighbours at every site, {lattice.kind} has two"
+            " sorts; expected gaussian or uniform, or another lattice"
+        )
+    _whole("seed", seed, 0, 2**63 - 1)
+    return Jittered(lattice, value, distribution, int(seed))

@@ -1,0 +1,235 @@
+"""Scenes: which particles there are. A scene is a rule; only what the targets need is made.
+
+Rules are dimensionless: offsets s = (x_b − x_a)/h from the target, volumes V_b/h^d. Positions are
+never absolute: on lattices an offset is the difference of the indices plus the difference of two
+displacements, so no digit is lost however large the scene is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.rational import exact, fraction
+from sphtrunc.arithmetic.summation import Array, dd_from_ratio
+from sphtrunc.scenes.neighbourhood import EDGE, summed
+from sphtrunc.scenes.neighbourhood import Indices as Indices
+from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
+from sphtrunc.scenes.random_numbers import MOST_INDICES as MOST_INDICES
+from sphtrunc.scenes.sites import DEFAULT, KINDS, sites, units
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.kernel import Kernel
+
+VOLUMES = ("constant", "cell", "summation")
+
+
+# ------------------------------------------------------------------------------------- lattices
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """An undisplaced lattice: one target stands for all. Made by `lattice`."""
+
+    kind: str
+    dx_over_h: Fraction
+    offset: tuple[Fraction, ...]
+    volume: str
+    extent: int
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return KINDS[self.kind].dim
+
+    @property
+    def population(self) -> int:
+        """The number of different targets."""
+        return 1
+
+    @property
+    def particles(self) -> int:
+        """The number of particles of a scene of this extent."""
+        return int(self.extent**self.dim)
+
+    def rows(self, kernel: Kernel) -> int:
+        """The number of neighbours."""
+        return int(_stencil(self, kernel).shape[1])
+
+    def neighbourhood(
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
+    ) -> Neighbourhood:
+        """The stencil out to so many supports, (d, N, 1): exact numbers, rounded once."""
+        m = _stencil(self, kernel, reach=reach)
+        s, low = _positions(self, m, self.dx_over_h, extended or errors)
+        rest = None if low is None else low[:, :, None]
+        volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
+        hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
+        error: Array | None = np.abs(lo) * EDGE
+        if self.volume == "summation":
+            home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
+            sites = _stencil(home, kernel)
+            around, after = _positions(home, sites, self.dx_over_h, extended or errors)
+            there: list[Any] = [(s_i[:, None], None, None) for s_i in around]
+            if after is not None:
+                there = [
+                    (a[:, None], b[:, None], np.abs(b[:, None]) * EDGE)
+                    for a, b in zip(around, after, strict=True)
+                ]
+            origin = [(np.zeros((1, 1)), None, None)] * self.dim
+            hi, lo = summed(arithmetic_for(extended, errors), origin, there, kernel)
+            error = lo
+        return Neighbourhood(
+            offset=s[:, :, None],
+            volume=hi,
+            target=target,
+            offset_low=rest if extended else None,
+            volume_low=lo if extended else None,
+            offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
+            volume_error=error if errors else None,
+        )
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) as arrays of Fractions."""
+        m = _stencil(self, kernel, reach=reach)
+        offset = _exact_positions(self, m) * self.dx_over_h
+        return offset, np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
+
+
+# ---------------------------------------------------------------------------- how scenes are made
+
+
+def lattice(
+    dim: int = 1,
+    kind: str | None = None,
+    dx_over_h: object = "1/2",
+    offset: object = 0,
+    *,
+    volume: str = "constant",
+    extent: int | None = None,
+) -> Lattice:
+    """An endless lattice, seen from one of its particles or from `offset` beside it.
+
+    kind: "uniform" (1D); "square", "hexagonal" (2D); "cubic", "bcc", "fcc", "hcp" (3D).
+    dx_over_h: Δx/h, where Δx^d is the volume per particle, for every kind.
+    offset: position of the lattice relative to the target in units of Δx, x_j = (j + θ)Δx in 1D;
+        one number per axis. Together with Δx/h it is taken exactly: write Fractions or "10/13".
+    volume: "constant" Δx^d, or "summation" 1/Σ W (the same for all particles of a lattice).
+    extent: particles along each axis that a full scene would have: the targets of a jittered one,
+        and the count of all pairs. Default: 10⁶, 10⁴, 10³ in 1, 2, 3 dimensions, so many that the
+        neighbourhoods of a sample do not overlap, as confidence intervals suppose.
+
+    Raises ValueError for what is out of range.
+    """
+    if dim not in DEFAULT:
+        raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
+    kind = DEFAULT[dim] if kind is None else kind
+    names = [name for name, data in KINDS.items() if data.dim == dim]
+    if kind not in names:
+        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    ratio = exact(dx_over_h, "dx_over_h")
+    if not 0 < ratio <= 2**20 or ratio < Fraction(1, 2**40):
+        raise ValueError(
+            f"dx_over_h: got {float(ratio):g}, expected a positive ratio Δx/h such as 1/2"
+        )
+    values: Sequence[object]
+    if isinstance(offset, (tuple, list, np.ndarray)):
+        values = list(offset)
+    else:
+        values = [offset] if dim == 1 or exact(offset, "offset") else [0] * dim
+    if len(values) != dim:
+        raise ValueError(f"offset: got {len(values)} numbers, expected {dim}, one per axis")
+    shift = tuple(exact(value, "offset") for value in values)
+    if any(abs(s) > MOST_INDICES for s in shift):
+        raise ValueError("offset: expected a few particle spacings at most")
+    if volume not in VOLUMES or (volume == "cell" and dim > 1):
+        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
+    extent = {1: 10**6, 2: 10**4, 3: 10**3}[dim] if extent is None else extent
+    _whole("extent", extent, 1, MOST_INDICES)
+    return Lattice(kind, ratio, shift, volume, int(extent))
+
+
+# --------------------------------------------------------------------------------------- the parts
+
+
+def _whole(name: str, value: object, low: int, high: int) -> None:
+    if (
+        not isinstance(value, (int, np.integer))
+        or isinstance(value, bool)
+        or not (low <= value <= high)
+    ):
+        raise ValueError(f"{name}: got {value!r}, expected a whole number from {low} to {high}")
+
+
+def _stencil(
+    lattice: Lattice, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
+) -> Indices:
+    """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
+    radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
+    found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
+    if not slack and not _any_inside(lattice, found, kernel):
+        raise ValueError(
+            f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
+            f" support of {float(kernel.support):g} h; did you mean h/Δx?"
+        )
+    return found
+
+
+def _any_inside(lattice: Lattice, m: Indices, kernel: Kernel) -> bool:
+    """At least one particle, not at the target, strictly inside the support."""
+    if m.shape[1] > 1000:
+        return True
+    position = _exact_positions(lattice, m) * lattice.dx_over_h
+    square = (position * position).sum(axis=0)
+    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in square)
+
+
+@lru_cache(maxsize=16)
+def _cached_sites(kind: str, radius: float, offset: tuple[Fraction, ...], slack: float) -> Indices:
+    return sites(kind, radius, offset, slack)
+
+
+def _positions(
+    lattice: Lattice, m: Indices, scale: Fraction, extended: bool = False
+) -> tuple[Array, Array | None]:
+    """(m·unit + offset)·scale along each axis, (d, N), correctly rounded; with the rest if asked
+    for. Each is a ratio of integers, found once per coordinate and axis."""
+    high, low = [], []
+    for row, unit, offset in zip(m, units(lattice.kind), lattice.offset, strict=True):
+        slope, start = unit * scale, offset * scale
+        bottom = slope.denominator * start.denominator
+        a, b = slope.numerator * start.denominator, start.numerator * slope.denominator
+        first, last = int(row.min()), int(row.max())
+        most = max(abs(first), abs(last)) * abs(a) + abs(b)
+        if most < 2**53 and bottom < 2**53 and not extended:
+            high.append((row * a + b) / float(bottom))
+            continue
+        values = [dd_from_ratio(k * a + b, bottom) for k in range(first, last + 1)]
+        table = np.array(values)
+        high.append(table[row - first, 0])
+        low.append(table[row - first, 1])
+    return np.stack(high), np.stack(low) if extended else None
+
+
+def _exact_positions(lattice: Lattice, m: Indices) -> NDArray[Any]:
+    """m·unit + offset, (d, N), as Fractions (irrational units to 256 bits)."""
+    return np.array(
+        [
+            [int(k) * unit + offset for k in row]
+            for row, unit, offset in zip(m, units(lattice.kind), lattice.offset, strict=True)
+        ],
+        dtype=object,
+    )

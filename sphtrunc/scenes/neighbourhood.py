@@ -1,0 +1,179 @@
+"""The neighbours of a block of targets, as arrays, and the volumes that depend on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.summation import UNIT, Array, dd_add, dd_neg
+from sphtrunc.kernels.values import kernel_values
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.kernel import Kernel
+
+Indices: TypeAlias = NDArray[np.int64]
+Triple: TypeAlias = tuple[Any, Any, Any]  # values, low parts or None, bounds of errors or None
+
+CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
+EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides what is inside
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbourhood:
+    """The neighbours of a block of T targets, padded to N rows; d dimensions.
+
+    offset: (d, N, T) s = (x_b − x_a)/h; rows of padding lie outside the support
+    volume: V_b/h^d, broadcasts to (N, T)
+    target: (T,) which targets these are
+    particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
+    stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
+    h: smoothing length of the target, (T,) or 1
+    offset_low, volume_low, stretch_low: what is to be added in double-double work, else None
+    offset_error, volume_error, stretch_error: bounds of the rounding errors, broadcast likewise, if
+        asked for
+    """
+
+    offset: Array
+    volume: Array
+    target: Indices
+    particle: Indices | None = None
+    stretch: Array | None = None
+    h: Array | float = 1.0
+    offset_low: Array | None = None
+    volume_low: Array | None = None
+    stretch_low: Array | None = None
+    offset_error: Array | None = None
+    volume_error: Array | None = None
+    stretch_error: Array | None = None
+
+    def offsets(self, number: Any) -> list[Any]:
+        """Along each axis, in an arithmetic."""
+        none: list[None] = [None] * len(self.offset)
+        low = none if self.offset_low is None else self.offset_low
+        error = none if self.offset_error is None else self.offset_error
+        return [number.number(*one) for one in zip(self.offset, low, error, strict=True)]
+
+    def volumes(self, number: Any) -> Any:
+        """In an arithmetic."""
+        return number.number(self.volume, self.volume_low, self.volume_error)
+
+    def stretches(self, number: Any) -> Any:
+        """In an arithmetic; None where there are none."""
+        if self.stretch is None:
+            return None
+        return number.number(self.stretch, self.stretch_low, self.stretch_error)
+
+
+def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:
+    """Move the rows that are near, (N, T), to the front, in their order, and cut the rest off.
+
+    Arrays are (N, T); padding is 0, or `far` in the array named "s0".
+    """
+    targets = near.shape[1]
+    rank = np.cumsum(near, axis=0, dtype=np.int32)
+    rows = int(rank[-1].max()) if rank.size else 0
+    kept = np.flatnonzero(near)
+    to = (rank.reshape(-1)[kept] - 1).astype(np.int64)
+    to *= targets
+    to += kept % targets
+    result = {}
+    for name, values in arrays.items():
+        out = np.full(rows * targets, far if name == "s0" else 0.0)
+        out[to] = values.reshape(-1)[kept]
+        result[name] = out.reshape(rows, targets)
+    return result
+
+
+def assemble(
+    volume_rule: str,
+    constant: tuple[float, float],
+    offset: Array,
+    low: list[Array],
+    error: list[Array],
+    target: Indices,
+    kernel: Kernel,
+    reach: int = 1,
+) -> Neighbourhood:
+    """A neighbourhood from candidates (d, N, T): volumes, and the candidates that count, those
+    within so many supports."""
+    dim, support = offset.shape[0], float(kernel.support)
+    arrays = {f"s{i}": s for i, s in enumerate(offset)}
+    arrays |= {f"low{i}": s for i, s in enumerate(low)} | {f"e{i}": s for i, s in enumerate(error)}
+    if volume_rule == "cell":
+        order = np.argsort(offset[0], axis=0, kind="stable")
+        arrays = {n: np.take_along_axis(a, order, axis=0) for n, a in arrays.items()}
+        arrays |= cells(arrays)
+    distance = arrays["s0"] * arrays["s0"]
+    for i in range(1, dim):
+        distance += arrays[f"s{i}"] * arrays[f"s{i}"]
+    near = distance <= (reach * support * EDGE) ** 2
+    if volume_rule == "cell":
+        near[[0, -1]] = False  # no cell: it ends outside the candidates
+    far = (3.0 * reach - 1.0) * support + 1.0
+    kept = compact(near, arrays, far)
+    volume = kept.get("volume", np.full((1, 1), constant[0]))
+    volume_low = kept.get("volume_low", np.full((1, 1), constant[1]))
+    volume_error: Array | None = kept.get("volume_error", np.abs(volume_low) * EDGE)
+    packed = np.stack([kept[f"s{i}"] for i in range(dim)])
+    if volume_rule == "summation":
+        wide = distance <= ((reach + 1) * support * EDGE) ** 2
+        around = compact(wide, arrays, far + 3.0 * support)
+        here, there = (
+            [(a[f"s{i}"], a.get(f"low{i}"), a.get(f"e{i}")) for i in range(dim)]
+            for a in (kept, around)
+        )
+        volume, rest = summed(arithmetic_for(bool(low), bool(error)), here, there, kernel)
+        volume_low, volume_error = rest, rest
+    return Neighbourhood(
+        offset=packed,
+        volume=volume,
+        target=target,
+        offset_low=np.stack([kept[f"low{i}"] for i in range(dim)]) if low else None,
+        volume_low=volume_low if low else None,
+        offset_error=np.stack([kept[f"e{i}"] for i in range(dim)]) if error else None,
+        volume_error=volume_error if error else None,
+    )
+
+
+def cells(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Volumes of 1D particles in order, (N, T): half the distance between the two neighbours."""
+    s = arrays["s0"]
+    volume = np.zeros_like(s)
+    volume[1:-1] = 0.5 * (s[2:] - s[:-2])
+    result = {"volume": volume}
+    if "low0" in arrays:
+        low = arrays["low0"]
+        hi, lo = dd_add((s[2:], low[2:]), dd_neg((s[:-2], low[:-2])))
+        result["volume_low"] = np.zeros_like(s)
+        volume[1:-1], result["volume_low"][1:-1] = 0.5 * hi, 0.5 * lo
+    if "e0" in arrays:
+        error = arrays["e0"]
+        bound = np.zeros_like(s)
+        bound[1:-1] = 0.5 * (error[2:] + error[:-2])
+        result["volume_error"] = (bound + UNIT * volume) * (1.0 + 1e-9)
+    return result
+
+
+def summed(
+    number: Any, offset: list[Triple], around: list[Triple], kernel: Kernel
+) -> tuple[Array, Array]:
+    """Summation volumes m/ρ_b = 1/Σ_c Ŵ(s_c − s_b) in units of h^d, for equal masses, and what the
+    arithmetic holds beside them, (N, T).
+
+    offset: along each axis, of the particles b, (N, T); around: of every particle within reach of
+    them, (M, T); values, low parts and bounds of errors
+    """
+    volume, rest = np.empty((2, *offset[0][0].shape))
+    others = [number.number(*one) for one in around]
+    for b in range(len(volume)):
+        here = [number.number(*(x if x is None else x[b] for x in one)) for one in offset]
+        s = [c - a for c, a in zip(others, here, strict=True)]
+        density = number.total(kernel_values(number, kernel, number.length(s), 0, len(s)))
+        own = number.ratio(number.number(np.ones(1)), density)
+        own = number.drop(own, number.value(density) <= 0.0)
+        volume[b], rest[b] = number.value(own), number.rest(own)
+    return volume, rest

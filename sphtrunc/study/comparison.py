@@ -1,0 +1,230 @@
+"""Comparison: what theory predicts for a scene, beside what is measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import factorial, prod, sqrt
+from typing import Any
+
+import numpy as np
+
+from sphtrunc.arithmetic.summation import UNIT
+from sphtrunc.experiment.fields import Polynomial, Sinusoid, polynomial
+from sphtrunc.experiment.measurement import Measurement
+from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.moments import MultiIndex, label
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.graded import Graded
+from sphtrunc.scenes.jittered import Jittered
+from sphtrunc.scenes.lattice import Lattice
+from sphtrunc.scenes.scene import Scene
+from sphtrunc.theory.disorder.prediction import Prediction, predict
+from sphtrunc.theory.field_error import Split, predict_fields
+from sphtrunc.theory.fields import Signals, Taylor, Waves
+
+
+def rule(scene: Scene) -> tuple[Lattice, float, str]:
+    """(lattice, σ/Δx, distribution) of a scene that the theory covers.
+
+    Raises ValueError, saying so, for graded spacing and explicit particles: there is no theory.
+    """
+    if isinstance(scene, Jittered):
+        return scene.lattice, scene.sigma, scene.distribution
+    if isinstance(scene, Lattice):
+        return scene, 0.0, "gaussian"
+    sort = "graded" if isinstance(scene, Graded) else "explicit"
+    raise ValueError(
+        f"scene: there is no theory for {sort} particles; expected a"
+        " lattice, with or without jitter"
+    )
+
+
+def predict_moments(
+    scene: Scene, kernel: Kernel | str, operator: Operator, degree: int = 3
+) -> Prediction:
+    """Predicted mean and standard deviation of the moments of the first component.
+
+    Raises ValueError where there is no theory: see `rule`.
+    """
+    lattice, sigma, distribution = rule(scene)
+    return predict(
+        parse_kernel(kernel),
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        lattice.offset,
+        sigma=sigma,
+        distribution=distribution,
+        volume=lattice.volume,
+        degree=degree,
+    )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured less predicted moments, and how large the differences may be.
+
+    difference: multi-index -> mean measured − mean predicted
+    expected: its size: the rounding bound on a lattice, one standard error on disordered particles
+    ratio: multi-index -> measured over predicted standard deviation; empty on a lattice
+    """
+
+    measured: Measurement
+    predicted: Prediction
+    difference: Mapping[MultiIndex, float]
+    expected: Mapping[MultiIndex, float]
+    ratio: Mapping[MultiIndex, float]
+
+    def __str__(self) -> str:
+        lines = [f"measured - derived ({self.predicted.how})"]
+        for alpha, value in self.difference.items():
+            text = f"  M({label(alpha)}): {value: .3e}, expected {self.expected[alpha]:.1e}"
+            if alpha in self.ratio:
+                text += f", spread measured/derived {self.ratio[alpha]:.3f}"
+            lines.append(text)
+        return "\n".join(lines)
+
+
+def compare(
+    scene: Scene,
+    kernel: Kernel | str,
+    operator: Operator | str = "gradient",
+    *,
+    form: str | None = None,
+    correction: str = "none",
+    degree: int = 3,
+    targets: object = None,
+    seed: int = 0,
+) -> Comparison:
+    """Measure the moments of an operator on a scene, derive them, and subtract.
+
+    Raises ValueError where there is no theory (see `predict_moments`), and for bad arguments.
+    """
+    kernel = parse_kernel(kernel)
+    if isinstance(operator, str):
+        operator = Operator(operator, form, correction)
+    predicted = predict_moments(scene, kernel, operator, degree)
+    still = isinstance(scene, Lattice)
+    measured = measure(
+        scene, kernel, operator, moments=degree, targets=targets, seed=seed, bound=still
+    )
+    difference, expected, ratio = {}, {}, {}
+    for alpha, values in measured.moments.values.items():
+        difference[alpha] = float(values.mean()) - predicted.mean[alpha]
+        if still and measured.moment_bound is not None:
+            bound = float(measured.moment_bound[alpha].max())
+            expected[alpha] = bound + UNIT * abs(predicted.mean[alpha])
+        else:
+            expected[alpha] = predicted.std[alpha] / sqrt(values.size)
+            if predicted.std[alpha]:
+                ratio[alpha] = float(values.std()) / predicted.std[alpha]
+    return Comparison(measured, predicted, difference, expected, ratio)
+
+
+def predict_error(
+    kernel: Kernel | str,
+    operator: Operator,
+    scene: Scene,
+    field: Sinusoid | Polynomial | Mapping[MultiIndex, float],
+    precision: str = "plain",
+) -> Split:
+    """The predicted rms error of an estimate, all its components together, split into its parts.
+
+    field: a sinusoid in any direction: rms over phases and displacements; or any field by its
+        derivatives at the target, α -> h^{|α|} A^{(α)}, in units of h: a derivative taken in other
+        units of length is to be multiplied by h^{|α|} in these. Those not named are zero. A
+        polynomial is the same, with c_α = h^{|α|} A^{(α)}/α!.
+    precision: in which the sums are evaluated, as for `measure`
+
+    The error is relative to the largest exact derivative of the order of the operator, as `measure`
+    has it: of a sinusoid over all phases, of other fields at the target (or to 1 if all are zero).
+
+    Raises ValueError where there is no theory for the scene, and for fields of another kind.
+    """
+    kernel = parse_kernel(kernel)
+    lattice, sigma, distribution = rule(scene)
+    signals: Signals
+    if isinstance(field, Sinusoid):
+        wave = field.wave()
+        kappa = np.linalg.norm(wave)
+        signals = Waves(np.array([kappa]), wave / kappa)
+    else:
+        if isinstance(field, Mapping):
+            field = polynomial(
+                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, lattice.dim
+            )
+        if not isinstance(field, Polynomial) or not field.coefficients:
+            raise ValueError(
+                f"field: no prediction for {type(field).__name__.lower()}, expected a sinusoid, a"
+                " polynomial or a mapping from multi-indices to derivatives"
+            )
+        signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
+    return predict_fields(
+        kernel,
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        lattice.offset,
+        signals,
+        sigma=sigma,
+        distribution=distribution,
+        volume=lattice.volume,
+        precision=precision,
+    )[0]
+
+
+def beside(
+    measured: Measurement, scene: Scene, kernel: Kernel | str, operator: Operator, field: Any = None
+) -> dict[str, Any]:
+    """The prediction of every figure of a measurement, and their ratios, ready for JSON.
+
+    "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread);
+    "error": the parts of the rms error and its ratio, for a sinusoid or a polynomial; "how";
+    "none": why there is no theory for the scene, or for the field.
+    """
+    try:
+        degree = max((sum(a) for a in measured.moments.values), default=0)
+        result: dict[str, Any] = {}
+        if measured.moments.values:
+            found = predict_moments(scene, kernel, operator, degree)
+            result = {"how": found.how, "moments": {}}
+            for alpha, values in measured.moments.values.items():
+                std = found.std[alpha]
+                ratio = float(values.std()) / std if std and values.size > 1 else None
+                row = {"mean": found.mean[alpha], "std": std, "std_ratio": ratio}
+                result["moments"][label(alpha)] = row
+        if field is not None:
+            precision = measured.settings["precision"]
+            split = predict_error(kernel, operator, scene, field, precision)
+            error = measured.error
+            ratio = error["rms"] / split.total if error and split.total else None
+            result["error"] = {**asdict(split), "ratio": ratio}
+    except ValueError as reason:
+        return {"none": str(reason)}
+    return result
+
+
+def beside_text(prediction: Mapping[str, Any]) -> str:
+    """The same for reading, at most 100 columns."""
+    if "none" in prediction:
+        return f"No prediction: {prediction['none']}"
+    lines = []
+    error = prediction.get("error")
+    if error is not None:
+        ratio = "" if error["ratio"] is None else f"; measured/predicted {error['ratio']:.4f}"
+        lines.append(f"Predicted rms error {error['total']:.6e}{ratio}")
+        parts = ("smoothing", "discretisation", "disorder", "rounding")
+        lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
+    rows = prediction.get("moments")
+    if rows:
+        lines.append(f"Predicted moments ({prediction['how']})")
+        lines.append("                        mean               std    measured/predicted std")
+        for name, row in rows.items():
+            ratio = "" if row["std_ratio"] is None else f"{row['std_ratio']:>22.4f}"
+            lines.append(
+                f"  M({name})".ljust(14) + f"{row['mean']:>20.13e}  {row['std']:>12.6e}{ratio}"
+            )
+    return "\n".join(lines)

@@ -1,0 +1,199 @@
+"""Derivation: a derived truncation error, as exact data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from sympy import Expr, Rational
+
+from sphtrunc.kernels.gaussian import Gaussian
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.operators.moments import Moments, label, unit
+from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.theory import typeset
+from sphtrunc.theory.euler_maclaurin import KnotTerm
+from sphtrunc.theory.orders import Orders
+from sphtrunc.version import __version__
+
+if TYPE_CHECKING:
+    from sphtrunc.theory.aliasing import Aliasing
+    from sphtrunc.theory.disorder.prediction import Prediction
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """The derived truncation error of one kernel and one operator.
+
+    limit: moments for Δx/h → 0; their error is the smoothing error
+    terms: the discretisation error of the base sums in 1D, each exact
+    shift: the offset along every axis, of which `offset` is the first; lattice; volume: their rule
+    discrete: the moments at the given Δx/h and offset (None without a ratio)
+    find_orders, find_aliasing: derive `orders` and `aliasing` when they are first asked for
+    scatter: mean and spread of the moments where the particles are displaced (None without jitter)
+    """
+
+    kernel: Kernel | Gaussian
+    operator: Operator
+    dim: int
+    degree: int
+    limit: Moments
+    terms: tuple[KnotTerm, ...]
+    dx_over_h: Expr | None
+    offset: Rational
+    shift: tuple[Rational, ...]
+    lattice: str
+    volume: str
+    discrete: Moments | None
+    find_orders: Callable[[], Orders] = field(repr=False, compare=False)
+    find_aliasing: Callable[[], Aliasing] = field(repr=False, compare=False)
+    scatter: Prediction | None = None
+
+    @cached_property
+    def orders(self) -> Orders:
+        """The orders of the error, read off exact coefficients."""
+        return self.find_orders()
+
+    @cached_property
+    def aliasing(self) -> Aliasing | None:
+        """The reasons for the discretisation error of a lattice in 2D and 3D; None in 1D, where
+        `terms` say all."""
+        return self.find_aliasing() if self.dim > 1 else None
+
+    @property
+    def smoothing_error(self) -> list[tuple[int, int, Rational]]:
+        """Rows (n, p, c): the estimate has the error c h^p A^{(n)} (in d > 1: c h^p ∇^p D A)."""
+        k = self.operator.derivatives
+        rows = []
+        for alpha, c in self.limit.taylor().items():
+            if alpha == unit(self.dim, 0, sum(alpha)) and c != 0:
+                rows.append((sum(alpha), sum(alpha) - k, c))
+        return rows
+
+    @property
+    def discretisation(self) -> dict[Any, Any]:
+        """M_k at Δx/h minus its limit for Δx/h → 0; ValueError if no ratio was given."""
+        if self.discrete is None:
+            raise ValueError(
+                "derivation: no ratio Δx/h was given, so there are no discrete moments"
+            )
+        differences = (self.discrete - self.limit).items()
+        return {alpha[0] if self.dim == 1 else alpha: value for alpha, value in differences}
+
+    @property
+    def own_terms(self) -> list[KnotTerm]:
+        """The terms of the moments that the estimate has: not M_0 of a difference form (which a
+        nested one takes at the neighbours, not at a target beside them)."""
+        plain = self.operator.form != NESTED or self.offset == 0
+        if self.operator.correction == "none" and self.operator.uses_difference and plain:
+            return [t for t in self.terms if t.moment > 0]
+        return list(self.terms)
+
+    # -- JSON -------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract of schema `sphtrunc.derive/1`; every exact number is a string."""
+        kernel, dim = self.kernel, self.dim
+        sigma = kernel.normalisation(dim)
+        orders = {
+            "smoothing": self.orders.smoothing,
+            "discretisation_generic": self.orders.generic,
+            "discretisation_aligned": self.orders.aligned,
+        }
+        result: dict[str, Any] = {
+            "schema": "sphtrunc.derive/1",
+            "kernel": {
+                "name": kernel.name,
+                "source": kernel.source,
+                "support": str(kernel.support),
+                "knots": [str(k) for k in kernel.knots],
+                "pieces": [[str(c) for c in piece] for piece in kernel.coefficients()],
+            },
+            "dim": dim,
+            "operator": self.operator.name,
+            "form": self.operator.form,
+            "correction": self.operator.correction,
+            "degree": self.degree,
+            "normalisation": str(sigma),
+            "w0": str(sigma * typeset.central(kernel, dim)),
+            "boundary_smoothness": typeset.finite(kernel.boundary_smoothness),
+            "smoothness": typeset.finite(kernel.smoothness),
+            "jumps": [
+                {"knot": str(knot), "derivative": m, "jump": str(jump)}
+                for m in range(kernel.degree + 1)
+                for knot, jump in kernel.jumps(m).items()
+                if jump != 0
+            ],
+            "kernel_moments": {
+                str(n): str(kernel.moment(n, dim)) for n in range(0, self.degree + 1, 2)
+            },
+            "gradient_moments": {
+                str(n): str(kernel.gradient_moment(n, dim)) for n in range(1, self.degree + 1, 2)
+            },
+            "smoothing_error": [
+                {"derivative": n, "h_power": p, "coefficient": str(c)}
+                for n, p, c in self.smoothing_error
+            ],
+            "discretisation_terms": [
+                {
+                    "sum": typeset.sum_name(t.term),
+                    "moment": t.moment,
+                    "dx_power": t.dx_power,
+                    "knot": str(t.knot),
+                    "coefficient": str(t.coefficient),
+                }
+                for t in self.own_terms
+            ],
+            "orders": orders,
+        }
+        if self.aliasing is not None:
+            result["aliasing"] = self.aliasing.to_dict()
+        if self.discrete is not None:
+            result["dx_over_h"] = str(self.dx_over_h)
+            result["offset"] = str(self.offset)
+            if self.dim > 1:
+                result["offset"] = [str(x) for x in self.shift]
+            result["lattice"] = self.lattice
+            result["volume"] = self.volume
+            result["discrete_moments"] = self.discrete.to_dict()
+            result["predicted"] = self._predicted()
+        return {**result, "version": __version__}
+
+    def _predicted(self) -> dict[str, Any]:
+        """Mean and standard deviation over targets: of the lattice itself, or under disorder."""
+        assert self.discrete is not None
+        if self.scatter is None:
+            mean = {a: float(m) for a, m in self.discrete.values.items()}
+            std = dict.fromkeys(mean, 0.0)
+            more: dict[str, Any] = {"jitter": 0.0, "how": "lattice sum"}
+        else:
+            mean, std = dict(self.scatter.mean), dict(self.scatter.std)
+            more = {
+                "jitter": self.scatter.jitter,
+                "distribution": self.scatter.distribution,
+                "how": self.scatter.how,
+            }
+        return {**more, "moments": {label(a): {"mean": mean[a], "std": std[a]} for a in mean}}
+
+    def to_json(self) -> str:
+        """`to_dict` as JSON text."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False)
+
+    # -- for people -------------------------------------------------------------------------------
+
+    def to_text(self) -> str:
+        """What a person reads first; at most 100 columns, deterministic."""
+        return typeset.text(self)
+
+    def __str__(self) -> str:
+        return self.to_text()
+
+    def to_latex(self) -> str:
+        """A fragment for a document with amsmath: the kernel, the error and the moments."""
+        return typeset.fragment(self)
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {typeset.smoothing(self)}$"

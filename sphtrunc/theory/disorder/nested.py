@@ -1,0 +1,416 @@
+"""Second neighbours: the nested form on a lattice, applied to any field, and what displacements of
+the particles do to it.
+
+Seen from the target, with λ_b = V_b w_i(s_b) and G_b = Σ_c V_c w_j(s_c − s_b) (A_c − A_b),
+
+    D = Σ_b λ_b (G_b − G_a),    ∂D/∂s_p = Σ_b ∂λ_b/∂s_p (G_b − G_a) + Σ_b λ_b ∂(G_b − G_a)/∂s_p,
+
+over pairs (b, c) that are listed once. The weights of a corrected gradient depend on base sums, and
+their slopes with respect to these are carried on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from operator import add
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.arithmetic.dual import Dual
+from sphtrunc.operators.operator import Operator
+from sphtrunc.operators.terms import Key
+from sphtrunc.scenes.sites import KINDS, sites, units
+from sphtrunc.theory.disorder.sensitivities import Terms, dual_coefficients, is_smooth, volumes_of
+from sphtrunc.theory.fields import Signals
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.kernels.kernel import Kernel
+
+    Array = NDArray[np.float64]
+    from sphtrunc.operators.terms import Key
+
+_CHUNK = 1 << 22  # distances looked at together
+
+
+class SecondNeighbours:
+    """The particles that the nested form reaches from one target on a lattice.
+
+    index: (d, M) integer points; s: (M, d) offsets in h; target: the row of the particle that is
+    the target, −1 at an offset
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel | Gaussian,
+        operator: Operator,
+        kind: str,
+        dx_over_h: Fraction,
+        offset: Sequence[Fraction],
+        volume: str = "constant",
+        moved: Array | None = None,
+    ) -> None:
+        """moved: displacements, (M, d) in Δx, at which everything is evaluated."""
+        self.operator, self.dim, self.ratio = operator, len(offset), float(dx_over_h)
+        support = float(kernel.support)
+        reach = (3.0 if volume == "summation" else 2.0) * support / self.ratio
+        self.index = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
+        length = np.array([float(u) for u in units(kind)])
+        s = self.ratio * (self.index.T * length + np.array([float(o) for o in offset]))
+        self.target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
+        if moved is not None:
+            s += self.ratio * moved
+            if self.target >= 0:
+                s -= s[self.target].copy()
+        self.s = s
+        self.volumes, self.variation = volumes_of(kernel, s, self.ratio, self.dim, volume, 2)
+        square = (support * (1 + 1e-9)) ** 2
+        self.near = np.flatnonzero((s * s).sum(axis=1) <= square)
+        # the places where a gradient is taken: at every neighbour b, and last at the target
+        at = np.concatenate([s[self.near], np.zeros((1, self.dim))])
+        self.b, self.c = _pairs(s, at, square)
+        self.outer = self.b == len(self.near)
+        t = s[self.c] - at[self.b]
+        itself = (t == 0.0).all(axis=1)
+        self.terms = terms = Terms(kernel, t, itself)
+        gradient = operator.gradient
+        keys = gradient.needed(self.dim, 0)
+        self.keys = [] if gradient.uncorrected else keys
+        places = np.arange(len(at))
+        if moved is None:  # one neighbour of each sort stands for all
+            turned = KINDS[kind].turned
+            sort = np.zeros(len(self.near), dtype=np.int64)
+            if turned is not None:
+                sort += turned(self.index[:, self.near])
+            _, first, places = np.unique([*sort, 2], return_index=True, return_inverse=True)
+        else:
+            first = places
+        self.first, self.sort = first, places  # a place of each sort, the sort of each place
+        self.g = {key: terms.sampled(key) for key in keys}
+        rows = [self.coefficients(int(place)) for place in first]
+        for key in (key for row in rows[0] for key in row):
+            if key not in self.g:
+                self.g[key] = terms.sampled(key)
+        #: per axis and key: c at every place, and its slopes with respect to the base sums
+        self.value: list[dict[Key, Array]] = []
+        self.slope: list[dict[Key, Array]] = []
+        for j in range(self.dim):
+            found = {key: [row[j][key] for row in rows] for key in rows[0][j]}
+            self.value.append(
+                {key: np.array([x.value for x in row])[places] for key, row in found.items()}
+            )
+            self.slope.append(
+                {key: np.array([x.slope for x in row])[places] for key, row in found.items()}
+            )
+        self.w = [self._weighted(j, 0) for j in range(self.dim)]
+        self.dw = [self._weighted(j, 1) for j in range(self.dim)]
+
+    def coefficients(self, place: int, change: Sequence[float] = ()) -> list[dict[Key, Any]]:
+        """The coefficients of the gradient at a place, with base sums changed by so much, and their
+        slopes with respect to these."""
+        pairs = np.flatnonzero(self.b == place)
+        v = self.volumes[self.c[pairs]]
+        more, slopes = change or [0.0] * len(self.keys), np.eye(len(self.keys))
+        means = {
+            key: Dual(float(v @ self.g[key][0][pairs]) + x, slope)
+            for key, x, slope in zip(self.keys, more, slopes, strict=True)
+        }
+        return dual_coefficients(self.operator.gradient, means, self.dim)
+
+    def _weighted(self, j: int, order: int) -> Array:
+        """w_j for every pair, (P,), or its gradient, (P, d)."""
+        return np.asarray(
+            sum(
+                c[self.b] * self.g[key][0] if order == 0 else c[self.b, None] * self.g[key][1]
+                for key, c in self.value[j].items()
+            )
+        )
+
+    def _sum(self, x: Array) -> Array:
+        """Σ_c V_c x at every place."""
+        return binned(self.b, self.volumes[self.c] * x, len(self.near) + 1)
+
+    def estimate(self, signals: Signals) -> tuple[Array, Array]:
+        """The estimates, (K, C, F), and √Σ of the squares of their terms."""
+        values = signals.difference(self.s)
+        rows = self.operator.axes(self.dim)
+        parts = np.zeros((len(values), len(rows), values.shape[1]))
+        squares = np.zeros_like(parts)
+        for k, f in np.ndindex(*values.shape[:2]):
+            difference = self.differences(values[k, f])
+            for c, row in enumerate(rows):
+                for i, j in row:
+                    term = self.w[j] * difference
+                    g = self._sum(term)
+                    size = self._sum(self.volumes[self.c] * term**2)
+                    weight = self.volumes[self.near] * self.w[i][self.outer]
+                    parts[k, c, f] += float(weight @ (g[:-1] - g[-1]))
+                    squares[k, c, f] += float(weight**2 @ (size[:-1] + g[:-1] ** 2))
+        return parts, np.sqrt(squares)
+
+    def slopes(self, signals: Signals) -> dict[tuple[int, ...], Array]:
+        """∂E/∂u for displacements u in Δx, (M, d), of every signal, component and part."""
+        values, ahead = signals.difference(self.s), signals.gradient(self.s)
+        return {
+            (k, c, f): slope
+            for k, f in np.ndindex(*values.shape[:2])
+            for c, slope in enumerate(self._moved(self.differences(values[k, f]), ahead[k, f]))
+        }
+
+    def differences(self, values: Array) -> Array:
+        """A_c − A_b for every pair, from A less its value at the target, (M,)."""
+        inside = np.concatenate([values[self.near], [0.0]])
+        return np.asarray(values[self.c] - inside[self.b])
+
+    def _moved(self, difference: Array, gradient: Array) -> list[Array]:
+        """∂D/∂u, (M, d), of every component; gradient: ∇A, (M, d)."""
+        result = []
+        for row in self.operator.axes(self.dim):
+            force = np.zeros_like(self.s)
+            by_volume = np.zeros(len(self.s))
+            for i, j in row:
+                self._add(i, j, difference, gradient, force, by_volume)
+            moves = self.ratio * force
+            if self.target >= 0:
+                moves[self.target] = 0.0
+                moves[self.target] = -moves.sum(axis=0)
+            result.append(moves if self.variation is None else moves + self.variation(by_volume))
+        return result
+
+    def _add(
+        self, i: int, j: int, difference: Array, gradient: Array, force: Array, by_volume: Array
+    ) -> None:
+        """Add ∂D/∂s and ∂D/∂V of ⟨∂ᵢ⟨∂ⱼA⟩⟩."""
+        v, near, c, b, outer = self.volumes, self.near, self.c, self.b, self.outer
+        g = self._sum(self.w[j] * difference)
+        rise = g[:-1] - g[-1]
+        weight = v[near] * self.w[i][outer]
+        weight = np.concatenate([weight, [-weight.sum()]])[b]
+        psi = self.w[j] * difference
+        dpsi = self.dw[j] * difference[:, None]
+        for key, slope in self.slope[j].items() if self.keys else ():
+            seen = self._sum(self.g[key][0] * difference)
+            for m, other in enumerate(self.keys):
+                y = (slope[:, m] * seen)[b]
+                psi = psi + y * self.g[other][0]
+                dpsi = dpsi + y[:, None] * self.g[other][1]
+        by_volume += binned(c, weight * psi, len(v))
+        at_b = near[b[~outer]]
+        for axis in range(self.dim):
+            own = weight * v[c]
+            at_c = own * (dpsi[:, axis] + self.w[j] * gradient[c, axis])
+            force[:, axis] += binned(c, at_c, len(v))
+            there = own[~outer] * self.w[j][~outer] * gradient[at_b, axis]
+            there += own[~outer] * dpsi[~outer, axis]
+            force[:, axis] -= binned(at_b, there, len(v))
+        psi, dpsi = self.w[i][outer] * rise, self.dw[i][outer] * rise[:, None]
+        for key, slope in self.slope[i].items() if self.keys else ():
+            seen_here = float(v[near] @ (self.g[key][0][outer] * rise))
+            for m, other in enumerate(self.keys):
+                y_here = float(slope[-1, m]) * seen_here
+                psi = psi + y_here * self.g[other][0][outer]
+                dpsi = dpsi + y_here * self.g[other][1][outer]
+        by_volume[near] += psi
+        force[near] += v[near, None] * dpsi
+
+
+def binned(at: NDArray[Any], x: Array, count: int) -> Array:
+    """Σ x over the entries of each of `count` places."""
+    return np.asarray(np.bincount(at, weights=x, minlength=count), dtype=np.float64)
+
+
+def _pairs(s: Array, at: Array, reach: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """(b, c) with |s_c − at_b|² <= reach, by b."""
+    step = max(1, _CHUNK // len(s))
+    found = []
+    for first in range(0, len(at), step):
+        square: Any = 0.0
+        for axis in range(s.shape[1]):
+            gap = s[:, axis] - at[first : first + step, None, axis]
+            square = square + gap * gap
+        b, c = np.nonzero(square <= reach)
+        found.append((b + first, c))
+    return np.concatenate([b for b, _ in found]), np.concatenate([c for _, c in found])
+
+
+_STEP = 1e-5  # of the base sums, for c_mn
+
+
+@dataclass(frozen=True)
+class _Slope:
+    """∇ of a sum at each of B places, with respect to offsets from the target.
+
+    c: (P, d), the particle of each pair; b: (B, d), that at the place; all: (B, d), all together
+    """
+
+    c: Array
+    b: Array
+    all: Array
+
+    def __add__(self, other: _Slope) -> _Slope:
+        return _Slope(self.c + other.c, self.b + other.b, self.all + other.all)
+
+
+def mean_shift(
+    kernel: Kernel | Gaussian, seen: SecondNeighbours, signals: Signals, sigma: float
+) -> Array | None:
+    """½ σ² Σ_p ∇²_p E of every signal, component and part, (K, C, F), for independent displacements
+    of standard deviation σ, in Δx, along each axis.
+
+    None where volumes depend on displacements, and where the terms of some particle have no second
+    derivatives.
+    """
+    spread = sigma * seen.ratio
+    if seen.variation is not None or not is_smooth(kernel, seen.operator, seen.s, spread, 2):
+        return None
+    sums = _Sums(seen)
+    values, ahead = signals.difference(seen.s), signals.gradient(seen.s)
+    bends = signals.laplacian(seen.s)
+    rows = seen.operator.axes(seen.dim)
+    result = np.zeros((values.shape[0], len(rows), values.shape[1]))
+    for k, f in np.ndindex(*values.shape[:2]):
+        difference = seen.differences(values[k, f])
+        inner = [sums.inner(j, difference, ahead[k, f], bends[k, f]) for j in range(seen.dim)]
+        for c, row in enumerate(rows):
+            result[k, c, f] = sum(sums.outer(i, *inner[j]) for i, j in row)
+    return np.asarray(0.5 * spread**2 * result)
+
+
+class _Sums:
+    """Sums at the places of a lattice at rest, with their slopes and Laplacians."""
+
+    def __init__(self, seen: SecondNeighbours) -> None:
+        self.seen, self.v = seen, seen.ratio**seen.dim
+        particle = np.append(seen.near, seen.target)[seen.b]
+        self.apart = (seen.c != particle)[:, None]
+        self.free_c = (seen.c != seen.target) & self.apart[:, 0]
+        self.particle = particle
+        self.moving = seen.target >= 0  # the target, and all offsets with it
+        self.free = np.append(seen.near != seen.target, False)
+        self.lap = {key: seen.terms.laplacian(key) * self.apart[:, 0] for key in seen.g}
+        twice = 1.0 + (self.free | self.moving)
+        self.means = [self.slope(seen.g[key][1], -seen.g[key][1]) for key in seen.keys]
+        lap_m = [twice * self.total(self.lap[key]) for key in seen.keys]
+        pairs = [[self.dot(m, n) for n in self.means] for m in self.means]
+        second = self._second() if seen.keys else []
+        #: ∇²c of every axis and key, (B,)
+        self.bent: list[Mapping[Key, Array]] = []
+        for j in range(seen.dim):
+            bent = {}
+            for key, slope in seen.slope[j].items():
+                bent[key] = np.zeros(len(self.free))
+                for m, own in enumerate(lap_m):
+                    bent[key] += slope[:, m] * own
+                    for n, product in enumerate(pairs[m]):
+                        bent[key] += second[j][key][seen.sort, m, n] * product
+            self.bent.append(bent)
+
+    def _second(self) -> list[dict[Key, Array]]:
+        """c_mn of every axis and key, for each sort of place, by differences of c_m."""
+        seen = self.seen
+        found = [{key: [] for key in row} for row in seen.slope]  # type: ignore[var-annotated]
+        for place in seen.first:
+            sides = [
+                [seen.coefficients(int(place), list(side * row)) for side in (_STEP, -_STEP)]
+                for row in np.eye(len(seen.keys))
+            ]
+            for j, row in enumerate(found):
+                for key, sorts in row.items():
+                    sorts.append([(up[j][key].slope - down[j][key].slope) / (2 * _STEP)
+                                  for up, down in sides])  # fmt: skip
+        return [{key: np.array(sorts) for key, sorts in row.items()} for row in found]
+
+    def total(self, x: Array) -> Array:
+        """V Σ_c x at every place, (B,) or (B, d)."""
+        if x.ndim > 1:
+            return np.stack([self.total(axis) for axis in x.T], axis=1)
+        return self.v * binned(self.seen.b, x, len(self.free))
+
+    def slope(self, at_c: Array, at_b: Array) -> _Slope:
+        """Of V Σ_c x, from ∂x/∂s_c and ∂x/∂s_b of every pair, (P, d)."""
+        c = at_c * self.free_c[:, None]
+        b = self.total(at_b * self.apart) * self.free[:, None]
+        return _Slope(self.v * c, b, self.total(c) + b)
+
+    def scaled(self, slope: _Slope, factor: Array) -> _Slope:
+        """Times a factor at every place, (B,)."""
+        x = factor[:, None]
+        return _Slope(x[self.seen.b] * slope.c, x * slope.b, x * slope.all)
+
+    def dot(self, x: _Slope, y: _Slope) -> Array:
+        """Σ_p ∇_p X·∇_p Y at every place, (B,)."""
+        each = binned(self.seen.b, (x.c * y.c).sum(axis=1), len(self.free))
+        return np.asarray(
+            each + (x.b * y.b).sum(axis=1) + self.moving * (x.all * y.all).sum(axis=1)
+        )
+
+    def inner(
+        self, j: int, difference: Array, ahead: Array, bend: Array
+    ) -> tuple[Array, _Slope, Array]:
+        """G, its slope and its Laplacian; ahead, bend: ∇A and ∇²A, (M, d) and (M,)."""
+        seen, at, c = self.seen, self.particle, self.seen.c
+        slopes, value, lap = [], np.zeros(len(self.free)), np.zeros(len(self.free))
+        for key, coefficient in seen.value[j].items():
+            g, dg = seen.g[key]
+            climb = dg * difference[:, None]
+            own = self.slope(climb + g[:, None] * ahead[c], -climb - g[:, None] * ahead[at])
+            own_sum = self.total(g * difference)
+            value += coefficient * own_sum
+            at_c, at_b, both = (
+                self.lap[key] * difference + x + g * y
+                for x, y in (
+                    (2 * (dg * ahead[c]).sum(axis=1), bend[c]),
+                    (2 * (dg * ahead[at]).sum(axis=1), -bend[at]),
+                    (-self.lap[key] * difference, bend[c] - bend[at]),
+                )
+            )
+            free_b, free_c = self.free[seen.b], seen.c != seen.target
+            each = at_c * free_c + at_b * free_b
+            if self.moving:
+                each += np.where(free_b, np.where(free_c, both, at_b), at_c)
+            lap += coefficient * self.total(each * self.apart[:, 0]) + self.bent[j][key] * own_sum
+            slopes.append(self.scaled(own, coefficient))
+            for m, mean in enumerate(self.means):
+                factor = seen.slope[j][key][:, m]
+                lap += 2 * factor * self.dot(mean, own)
+                slopes.append(self.scaled(mean, factor * own_sum))
+        return value, reduce(add, slopes), lap
+
+    def outer(self, i: int, value: Array, slope: _Slope, lap: Array) -> float:
+        """Σ_p ∇²_p Σ_b λ_b (G_b − G_a)."""
+        seen, out = self.seen, self.seen.outer
+        rise = value[:-1] - value[-1]
+        together = self.moving * (slope.all[:-1] - slope.all[-1])
+        total = float(self.v * seen.w[i][out] @ (lap[:-1] - lap[-1]))
+        own = self.v * seen.dw[i][out] * self.free[:-1, None]
+        total += 2.0 * float((own * (slope.b[:-1] - slope.c[out] + together)).sum())
+        for key, coefficient in seen.value[i].items():
+            g, dg = (x[out] for x in seen.g[key])
+            bent = (1 + self.moving) * float(coefficient[-1]) * self.lap[key][out]
+            bent += self.bent[i][key][-1] * g
+            for m, mean in enumerate(self.means):
+                factor = float(seen.slope[i][key][-1, m])
+                here = mean.c[out] + self.moving * mean.all[-1]
+                bent += 2 * factor * (here * dg).sum(axis=1) * self.free[:-1]
+                weight = self.v * factor * g
+                total += 2.0 * self._across(mean, slope, weight)
+                total += 2.0 * float(mean.all[-1] @ (weight @ together))
+            total += float(self.v * bent @ rise)
+        return total
+
+    def _across(self, mean: _Slope, slope: _Slope, weight: Array) -> float:
+        """Σ_b weight_b Σ_p ∇_p m_a·∇_p (G_b − G_a), over offsets of the neighbours p."""
+        seen, at = self.seen, self.seen.near
+        rows = np.zeros_like(seen.s)
+        rows[at] = mean.c[seen.outer]
+        each = np.append(weight, -weight.sum())
+        return float(
+            (each[seen.b, None] * slope.c * rows[seen.c]).sum()
+            + (weight[:, None] * slope.b[:-1] * rows[at]).sum()
+        )

@@ -1,0 +1,80 @@
+"""Propagation: what a small displacement of every particle does to the moments of an estimate.
+
+Every base sum over a lattice carries its derivatives with respect to the displacements u_b, and the
+algebra of the operators carries them on, through corrections and volumes, to ∂M_α/∂u_b.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from sphtrunc.arithmetic.dual import Dual, dual_solve
+from sphtrunc.operators.moments import MultiIndex, multi_indices
+from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.theory.disorder.nested import SecondNeighbours
+from sphtrunc.theory.disorder.sensitivities import Stencil
+from sphtrunc.theory.fields import Taylor
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.kernels.kernel import Kernel
+
+    Array = NDArray[np.float64]
+    from numpy.typing import NDArray
+
+
+def propagate(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: Sequence[Fraction],
+    volume: str,
+    degree: int,
+    axis: int = 0,
+    moved: Array | None = None,
+) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
+    """∂M_α/∂u_b, (N, d), for displacements u in Δx, and the integer points b, (d, N).
+
+    The target's own displacement moves every offset s_b = (x_b − x_a)/h; a fixed target (an offset)
+    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken.
+    """
+    import numpy as np
+
+    if operator.form == NESTED:
+        return moment_slopes(kernel, operator, kind, dx_over_h, offset, volume, degree, axis, moved)
+    stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
+    symmetric = operator.form == "symmetric"
+    keys = operator.needed(stencil.dim, degree)
+    sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}
+    moments = operator.correct(sums, stencil.dim, degree, axis, dual_solve)
+    if symmetric:
+        zero = (0,) * stencil.dim
+        (own,) = operator.coefficients(sums, stencil.dim)[axis]
+        moments[zero] = sums[own] + stencil.base_sum(own, 0)
+    none = np.zeros_like(stencil.s)
+    slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
+    return slopes, stencil.index
+
+
+def moment_slopes(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    offset: Sequence[Fraction],
+    volume: str,
+    degree: int,
+    axis: int = 0,
+    moved: Array | None = None,
+) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
+    """∂M_α/∂u_b of a nested second derivative, as from `propagate`."""
+    seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume, moved)
+    alphas = multi_indices(seen.dim, degree)
+    slopes = {alpha: seen.slopes(Taylor([{alpha: 1.0}]))[0, axis, 0] for alpha in alphas}
+    return slopes, seen.index

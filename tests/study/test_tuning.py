@@ -1,0 +1,304 @@
+"""Tuning against measurements around its recommendations, and against the exponents of theory."""
+
+from __future__ import annotations
+
+import json
+import re
+from fractions import Fraction
+from random import Random
+
+import pytest
+
+from sphtrunc.cli import main
+from sphtrunc.experiment.wavelengths import waves
+from sphtrunc.kernels.conventions import convert
+from sphtrunc.kernels.parse import kernel
+from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.jittered import jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.study.plateaus import explain, findings, read_table
+from sphtrunc.study.tuning import (
+    Problem,
+    best_at_cost,
+    best_at_error,
+    best_at_particles,
+    exponents,
+    setting,
+    walk,
+)
+
+STANDARD = Operator("gradient")
+DIFFERENCE = Operator("gradient", "difference")
+CSPH = Operator("gradient", "difference", "csph")
+FEW = 64 * 2.0**-53  # two ways of some thirty roundings each to the same number
+
+
+def measured(problem: Problem, name: str, r: float, x: float, rtol: float = 0.01) -> float:
+    extent = 2**20 if problem.dim == 1 else 1000
+    home = lattice(problem.dim, None, Fraction(r).limit_denominator(10**6), extent=extent)
+    scene = jittered(home, problem.sigma)
+    ((one,),) = waves(scene, name, [problem.operator], [x], rtol=rtol)
+    return one.error["rms"]
+
+
+SHEPARD = Operator("gradient", "standard", "shepard")
+KERNELS = ("cubic-spline", "quintic-spline", "wendland-c2", "wendland-c4", "polynomial:4")
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_nothing_around_the_recommendation_is_better(number):
+    rng = Random(number)
+    dim = (1, 1, 1, 1, 1, 2, 2, 2, 2, 3)[number]
+    operator = rng.choice((STANDARD, DIFFERENCE, CSPH, SHEPARD))
+    name, sigma = rng.choice(KERNELS), rng.uniform(0.02, 0.1)
+    problem = Problem(dim, operator, sigma)
+    cost = best_at_particles(problem, name, rng.uniform(8, (0, 40, 20, 10)[dim])).cost
+    best = best_at_cost(problem, name, cost)
+    here = measured(problem, name, best.dx_over_h, best.h_over_lambda)
+    assert abs(here / best.error.total - 1) < 0.1  # corrections: to first order in their algebra
+    looked = 0
+    for factor in (0.6, 0.75, 0.9, 1.1, 1.3, 1.6):
+        r, x = best.dx_over_h * factor, best.h_over_lambda / factor**2  # equal cost
+        if r < 0.95 * float(kernel(name).support) and x < 0.5:
+            assert setting(problem, kernel(name), r, x).cost == pytest.approx(best.cost, rel=FEW)
+            assert measured(problem, name, r, x, 0.02) > 0.9 * here
+            looked += 1
+    assert looked >= 3
+
+
+# (2+d)/(8+d), (2+d)/(6+d), (2+d)/(4+d): h ∝ Δx^p; error ∝ Δx^{2p}; neighbours ∝ N^{1−p}
+PATHS = {
+    (1, STANDARD): (Fraction(1, 3), 1e-3, (300, 600, 1200)),
+    (1, DIFFERENCE): (Fraction(3, 7), 1e-3, (2000, 4000, 8000)),
+    (1, CSPH): (Fraction(3, 5), 0.1, (9600, 19200, 38400)),
+    (2, STANDARD): (Fraction(2, 5), 1e-3, (120, 200, 320)),
+    (2, DIFFERENCE): (Fraction(1, 2), 4e-3, (400, 800, 1600)),
+    (2, CSPH): (Fraction(2, 3), 0.1, (500, 1000, 2000)),
+    (3, STANDARD): (Fraction(5, 11), 2e-3, (100, 160, 250)),
+    (3, DIFFERENCE): (Fraction(5, 9), 0.02, (150, 220, 320)),
+    (3, CSPH): (Fraction(5, 7), 0.1, (300, 600, 1200)),
+}
+
+
+@pytest.mark.parametrize(("dim", "operator"), PATHS)
+def test_the_path_and_its_exponents(dim, operator):
+    p, sigma, particles = PATHS[dim, operator]
+    exact = exponents(operator, dim)
+    assert (exact.p, exact.order, exact.neighbours) == (p, 2 * p, 1 - p)
+    _, fitted, order = walk(Problem(dim, operator, sigma), "polynomial:6", particles)
+    assert abs(fitted - float(p)) < 0.03
+    assert abs(order - 2 * float(p)) < 0.03
+
+
+def test_the_wanted_error_is_reached_at_the_least_cost():
+    problem = Problem(2, CSPH, 0.05)
+    found = best_at_error(problem, "cubic-spline", 0.01)
+    assert 0.9 * 0.01 < found.error.total <= 0.01
+    cheaper = best_at_cost(problem, "cubic-spline", 0.98 * found.cost)
+    assert cheaper.error.total > 0.01
+
+
+@pytest.mark.parametrize(
+    ("operator", "name", "sigma", "error"),
+    [
+        (SHEPARD, "cubic-spline", 0.02, 0.003),  # the least cost is in a dip of Δx/h near 1
+        (
+            Operator("value"),
+            "quintic-spline",
+            0.02,
+            0.03,
+        ),  # with the fewest particles that there may be
+        (STANDARD, "wendland-c2", 0.0, 0.01),  # where smoothing and discretisation cancel
+    ],
+)
+def test_no_cheaper_setting_has_the_wanted_error(operator, name, sigma, error):
+    problem, shape = Problem(1, operator, sigma), kernel(name)
+    found = best_at_error(problem, name, error)
+    assert found.error.total <= error
+    lengths = [1e-3 * 500 ** (i / 150) for i in range(151)]
+    costs = []
+    for i in range(150):
+        r = 0.1 * (9.5 * float(shape.support)) ** (i / 149)
+        splits = problem.split(shape, r, lengths) or []
+        pairs = zip(lengths, splits, strict=False)
+        fit = [x for x, split in pairs if split.total <= error and r * x <= 0.5]
+        costs += [setting(problem, shape, r, fit[-1]).cost] if fit else []
+    assert len(costs) > 20
+    assert found.cost <= 1.002 * min(costs)
+
+
+def test_a_wave_has_two_particles():
+    """Where parts of the error cancel below that, it is no answer."""
+    found = best_at_error(Problem(2, Operator("value"), 0.05), "cubic-spline", 0.05)
+    assert found.particles >= 2
+    assert found.error.total <= 0.05
+
+
+def test_costs_and_conventions_agree():
+    here = setting(Problem(3, STANDARD, 0.1), kernel("cubic-spline"), 5 / 6, 0.06)
+    assert here.neighbours == pytest.approx(
+        float(convert("cubic-spline", 3, hfact="1.2")["neighbours"]), rel=FEW
+    )
+    assert here.particles == pytest.approx(20.0, rel=FEW)
+    assert here.cost == pytest.approx(20.0**3 * here.neighbours, rel=FEW)
+    assert here.dominant == "disorder"
+
+
+def test_a_plateau_is_explained(tmp_path):
+    file = tmp_path / "runs.csv"
+    file.write_text(
+        "h, dx, error\n0.2, 0.16, 0.16\n0.02,0.016,\n2e-4,1.6e-4,nan\n".replace(",\n", ",0.1\n")
+    )
+    rows = read_table(file, 1, 2.0)
+    assert rows[0] == (0.08, 0.1, 0.16)
+    found = explain(Problem(1, STANDARD, 0.0), "polynomial:4", rows)
+    assert [run["dominant"] for run in found] == ["smoothing", "discretisation", "discretisation"]
+    assert found[0]["predicted_order"] is None
+    assert 0 < found[1]["predicted_order"] < 2  # from smoothing into the plateau
+    assert abs(found[2]["predicted_order"]) < 0.02
+    said = findings(Problem(1, STANDARD, 0.0), "polynomial:4", found)
+    assert "take more neighbours" in said[-1]
+    noisy = explain(Problem(1, STANDARD, 0.1), "polynomial:4", rows)
+    assert [run["dominant"] for run in noisy][1:] == ["disorder", "disorder"]
+    assert noisy[2]["predicted"] > 50 * noisy[1]["predicted"]  # 1/h
+    fine = explain(Problem(1, STANDARD, 0.0), "polynomial:4", [(2e-17, 1e-16, 0.5)])
+    assert fine[0]["dominant"] == "rounding"
+
+
+def runs_of(operator: Operator, sigma: float) -> list[tuple[float, float, float]]:
+    """(Δx/λ, h/λ, error) at Δx/h = 1/2, measured on particles."""
+    lengths = (0.1, 0.03, 0.01, 0.003, 0.001)
+    problem = Problem(1, operator, sigma)
+    return [(x / 2, x, measured(problem, "wendland-c4", 0.5, x, 0.02)) for x in lengths]
+
+
+@pytest.mark.parametrize(
+    ("operator", "order", "says"),
+    [
+        (STANDARD, -1.0, "grows as 1/h: refinement makes it worse. Take the difference form"),
+        (DIFFERENCE, 0.0, "A plateau: at a fixed number of neighbours refinement does not lower"),
+        (CSPH, 1.0, "falls as h. Take a form that is consistent of higher order"),
+    ],
+)
+def test_measured_runs_are_explained(operator, order, says):
+    rows = runs_of(operator, 0.1)
+    problem = Problem(1, operator, 0.1)
+    found = explain(problem, "wendland-c4", rows)
+    assert {run["dominant"] for run in found[1:]} == {"disorder"}
+    # two measurements to 2 % a factor of 3 apart: log(1.04)/log(3); the law sets in by then
+    assert abs(found[-1]["order"] - order) < 0.04
+    agree, *parts = findings(problem, "wendland-c4", found)
+    assert agree.startswith("Measured and predicted agree within a factor 1")
+    assert says in parts[-1]
+    # somebody who does not know the disorder is told it
+    blind = Problem(1, operator, 0.0)
+    first = findings(blind, "wendland-c4", explain(blind, "wendland-c4", rows))[0]
+    sigma = re.search(r"--jitter ([0-9.]+) in place of 0 would explain that", first)
+    assert sigma is not None, first
+    assert abs(float(sigma[1]) / 0.1 - 1) < 0.05
+
+
+def test_what_no_disorder_explains_is_said_to_be():
+    problem = Problem(1, CSPH, 0.05)
+    rows = [(0.05, 0.1, 0.5), (0.005, 0.01, 0.5), (0.0005, 0.001, 0.5)]
+    said = findings(problem, "wendland-c4", explain(problem, "wendland-c4", rows))[0]
+    assert "no disorder explains that: look for an error that is not the estimate's" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a,b\n1,2\n", "got columns a, b, expected dx"),
+        ("dx,h,error\n1,x,2\n", "line 2"),
+        ("dx,h,error\n1,1,2\n-1,1,2\n", "line 3: expected positive"),
+        ("n,h,error\n-1,1,2\n", "line 2"),
+        ("dx,h,error\n", "one row"),
+        ("", "got columns none"),
+    ],
+)
+def test_tables_that_cannot_be_read(tmp_path, text, says):
+    file = tmp_path / "runs.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=says):
+        read_table(file, 1, 1.0)
+
+
+def test_numbers_of_particles_in_a_table(tmp_path):
+    file = tmp_path / "runs.csv"
+    file.write_text("N,h,error\n1000,0.15,0.1\n")
+    assert read_table(file, 3, 1.0) == [(pytest.approx(0.1, rel=FEW), 0.15, 0.1)]
+    assert read_table(file, 3, 1.0, 2.0) == [(pytest.approx(0.2, rel=FEW), 0.15, 0.1)]
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda p: best_at_error(p, "cubic-spline", 2.0), "between 0 and 1"),
+        (lambda p: best_at_error(p, "cubic-spline", 1e-9), "not reached"),
+        (lambda p: best_at_cost(p, "cubic-spline", -1.0), "positive"),
+        (lambda p: best_at_particles(p, "cubic-spline", 0.0), "positive"),
+        (lambda p: best_at_particles(p, "cubic-spline", 0.2), "another number of particles"),
+        (
+            lambda p: setting(p, kernel("cubic-spline"), 2.5, 0.1),
+            "at Δx/h = 2.5: .*expected a smaller Δx/h",
+        ),
+        (lambda _: best_at_error(Problem(3, STANDARD), "cubic-spline", -1.0), "between 0 and 1"),
+        (
+            lambda _: best_at_error(Problem(2, Operator("divergence")), "cubic-spline", 0.1),
+            "no prediction for divergence",
+        ),
+        (lambda _: Problem(sigma=-1.0), "jitter"),
+    ],
+)
+def test_wrong_input_is_told(call, says):
+    with pytest.raises(ValueError, match=says):
+        call(Problem(1, CSPH, 0.1))
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as stop:
+        main(["tune", *arguments])
+    streams = capsys.readouterr()
+    return stop.value.code, streams.out, streams.err
+
+
+def test_the_command(capsys, tmp_path):
+    common = ("--kernel", "cubic-spline", "--dim", "2", "--jitter", "0.1")
+    aim = ("--particles-per-wavelength", "20")
+    code, text, _ = run(capsys, *common, *aim, "--kernel", "wendland-c2", "--now", "neighbours=20")
+    assert code == 0
+    assert max(len(line) for line in text.splitlines()) <= 100
+    assert "Take wendland-c2 with h = " in text or "Take cubic-spline with h = " in text
+    assert "h ∝ Δx^(2/5); then the error falls as Δx^(4/5)" in text
+    assert "Now (neighbours=20, cubic-spline, as many particles): the error is " in text
+    code, out, _ = run(capsys, *common, *aim, "--format", "json", "--now", "hdx=1.2")
+    document = json.loads(out)
+    assert document["schema"] == "sphtrunc.tune/1"
+    assert document["recommended"][0]["particles"] == pytest.approx(20, rel=FEW)
+    assert document["loss"]["error"] >= 0.999
+    now = setting(Problem(2, STANDARD, 0.1), kernel("cubic-spline"), 5 / 6, 1.2 / 20)
+    assert document["now"]["error"]["total"] == pytest.approx(now.error.total, rel=FEW)
+    # the same particles, said in another way: 20 per wavelength in a box of 2 λ
+    code, out, _ = run(capsys, *common, "--particles", "1600", "--box", "2", "--format", "json")
+    other = json.loads(out)
+    assert other["recommended"] == document["recommended"]
+    pairs = document["recommended"][0]["cost"]
+    code, out, _ = run(
+        capsys, *common, "--seconds", repr(pairs / 1e6), "--pairs-per-second", "1e6",
+        "--format", "json",
+    )  # fmt: skip
+    assert json.loads(out)["recommended"][0]["cost"] == pytest.approx(pairs, rel=FEW)
+    file = tmp_path / "runs.csv"
+    file.write_text("dx,h,error\n0.01,0.02,0.3\n")
+    code, text, _ = run(capsys, *common, "--table", str(file))
+    assert code == 0
+    assert "disorder" in text
+    code, _, error = run(capsys, *common)
+    assert code == 2
+    assert "got no aim" in error
+    assert "--error" in error
+    code, _, error = run(capsys, *common, *aim, "--table", str(file))
+    assert code == 2
+    assert "got --particles-per-wavelength and --table" in error
+    code, text, _ = run(capsys, *common, "--dim", "1", "--particles", "1e6")
+    assert "No more neighbours than 200 are looked at" in text
