@@ -7,10 +7,13 @@ same for every h; what is left over, h^p, is the fault.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sphtrunc.audit import faults
+from sphtrunc.audit.faults import Fault
 from sphtrunc.audit.samples import Array, Samples, Scaled
 
 WHAT = ("W", "dW", "d²W")
@@ -44,6 +47,12 @@ class Scaling:
     def surplus(self) -> float:
         """How much the power exceeds the right one; 0 where there is none."""
         return 0.0 if self.power is None else self.power - self.expected
+
+    def said(self) -> str:
+        """W ∝ h^−3."""
+        if self.power is None:
+            return f"{WHAT[self.order]} no power of h"
+        return f"{WHAT[self.order]} ∝ h^{_signed(self.power)}"
 
 
 def scalings(samples: Samples, dim: int) -> tuple[Scaling, ...]:
@@ -121,3 +130,61 @@ def _blur(one: Scaled, q: Array, order: int) -> Array:
     """What the decimals leave open, at q."""
     error = (one.error, one.derivative_error, one.second_error)[order]
     return error if _same(q, one.q) else np.interp(q, one.q, error)
+
+
+def explain_scaling(order: int, seen: Sequence[Scaling]) -> list[Fault]:
+    """What is wrong with the power of h in W, dW or d²W; nothing where W has the same surplus."""
+    found = []
+    for one in seen:
+        if one.order != order or one.right:
+            continue
+        if one.power is None:
+            found.append(_no_power(one))
+        elif order == 0 or not any(s.order == 0 and s.surplus == one.surplus for s in seen):
+            likewise = [s for s in seen if order == 0 and s.order and s.surplus == one.surplus]
+            found.append(_wrong_power(one, likewise))
+    return found
+
+
+def _no_power(one: Scaling) -> Fault:
+    q, h = one.where or (0.0, 0.0)
+    lengths = ", ".join(f"{x:g}" for x in one.lengths)
+    if not q:
+        return Fault(
+            faults.POWER_OF_H,
+            f"{WHAT[one.order]} is no power of h at fixed r/h, looked at for h = {lengths};"
+            f" it should be h^{one.expected}",
+        )
+    return Fault(
+        faults.NOT_SIMILAR,
+        f"{WHAT[one.order]} is not h^{one.expected} times a function of r/h: at h = {h:g} it"
+        f" differs from that near q = {q:.4g}; is a length written there that is no multiple of h?",
+        f"looked at for h = {lengths}",
+    )
+
+
+def _wrong_power(one: Scaling, likewise: Sequence[Scaling]) -> Fault:
+    assert one.power is not None
+    name = WHAT[one.order]
+    hint = ""
+    if one.order and one.surplus == 1:
+        hint = "; did you return dW/dq?" if one.order == 1 else "; is one factor 1/h missing?"
+    elif one.order == 2 and one.surplus == 2:
+        hint = "; did you return d²W/dq²?"
+    elif one.order and one.surplus == -1:
+        hint = "; is 1/h multiplied once too often?"
+    elif one.order == 0 and one.power in (-1, -2, -3):
+        hint = f"; {_signed(one.power)} is that of {-one.power:g}D"
+    elif one.order == 0 and one.power == 0:
+        hint = "; is the factor 1/h^d missing?"
+    also = "".join(f", in {WHAT[s.order]} likewise {_signed(s.power)}" for s in likewise)
+    lengths = ", ".join(f"{x:g}" for x in one.lengths)
+    return Fault(
+        faults.POWER_OF_H,
+        f"power of h in {name}: {_signed(one.power)}, should be {_signed(one.expected)}{also}{hint}",
+        f"seen at h = {lengths}" if lengths else "as it is written",
+    )
+
+
+def _signed(power: float | None) -> str:
+    return "none" if power is None else f"{power:.4g}".replace("-", "−")

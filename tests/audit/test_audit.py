@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import sphtrunc
-import sphtrunc.audit.faults as slips
+from sphtrunc.audit import faults as slips
 from sphtrunc import kernel
 from sphtrunc.audit import PUBLISHED, audit, audit_formula, audit_list, audit_table
 from sphtrunc.audit.recognition import conventions, profiles
