@@ -74,7 +74,7 @@ class Audit:
             ("constant", self.constant),
             ("dW/dr", self.derivative),
             ("d²W/dr²", second),
-            ("powers of h", self.scaling),
+            ("scaling", self.scaling),
             ("β", "" if self.boundary_smoothness is None else str(self.boundary_smoothness)),
             ("continuity", ", ".join(f"{k}: {v}" for k, v in self.continuity.items())),
             ("signs", self._signs()),
@@ -85,7 +85,7 @@ class Audit:
         lines += [f"  {name:<11}{said}" for name, said in rows if said]
         for fault in self.faults:
             lines.append(f"  FAULT      {fault.kind}: {fault.message}")
-            lines += [f"  surely?    {fault.surely}"] if fault.surely else []
+            lines += [f"  evidence   {fault.surely}"] if fault.surely else []
             lines += [f"             or {other}" for other in fault.also]
         lines += [f"  note       {note}" for note in self.notes]
         return "\n".join(lines)

@@ -224,10 +224,7 @@ def from_callable(
     try:
         low, high = _edge(kernel.scaled) if support is None else (support, support)
     except ValueError as error:
-        raise ValueError(
-            f"{error}; it was called as {kernel.signature.described()}; another way is said by a"
-            f" signature such as {signatures.EXAMPLES}"
-        ) from None
+        raise ValueError(f"{error}; it was called as {kernel.signature.described()}") from None
     points = min(points, 500) if kernel.scalar else points
     spread = (np.arange(points) + 0.5) / points
     edge = 1 - 2.0 ** -np.arange(2.0, 12.0)

@@ -71,19 +71,19 @@ class Signature:
         """In words: what is passed, and whether the caller said so."""
         words = {
             "q": "r/h",
-            "r": "the distance r",
+            "r": "the distance",
             "h": "the smoothing length",
             "dim": "the dimension",
             "xij": "the separation",
-            "grad": "where the gradient goes",
+            "grad": "the gradient to be filled",
         }
         parts = [
             f"{name} is {words[meaning]}"
             for name, meaning in zip(self.names, self.meanings, strict=True)
-            if name != meaning or not self.said
+            if name != meaning or meaning in ("xij", "grad")
         ]
-        how = "as given" if self.said else "assumed"
-        return f"{self}, {how}" + (": " if parts else "") + ", ".join(parts)
+        told = f"{self}" + (": " if parts else "") + ", ".join(parts)
+        return told if self.said else f"{told} (assumed; say another by `signature`)"
 
 
 def given(text: str) -> Signature:
