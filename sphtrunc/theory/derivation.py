@@ -118,7 +118,7 @@ class Derivation:
             "correction": self.operator.correction,
             "degree": self.degree,
             "normalisation": str(sigma),
-            "w0": str(sigma * typeset.central(kernel, dim)),
+            "w0": str(sigma * kernel.central(dim)),
             "boundary_smoothness": typeset.finite(kernel.boundary_smoothness),
             "smoothness": typeset.finite(kernel.smoothness),
             "jumps": [
