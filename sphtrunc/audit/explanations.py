@@ -4,6 +4,8 @@ from __future__ import annotations
 
 
 
+from dataclasses import replace
+
 import mpmath
 from sympy import Expr
 
@@ -110,22 +112,32 @@ def _ranked(
     return Fault(first.kind, minus + first.words, surely, tuple(also)[:MOST_ALSO])
 
 
-def explain_truncation(match: Match, dim: int) -> Fault | None:
-    """A Gaussian with the constant of the infinite range, cut off where it still has weight."""
+def explain_truncation(match: Match, dim: int) -> list[Fault]:
+    """A Gaussian with the constant of the infinite range, cut off where it still has weight.
+
+    Where that constant is wrong by a known slip as well, both are said.
+    """
     if not (isinstance(match.shape, Analytic) and match.shape.name == "gaussian"):
-        return None
+        return []
     with mpmath.workdps(DIGITS):
         reach = (mpmath.mpf(match.support) * mpmath.mpf(match.scale)) ** 2
         kept = mpmath.gammainc(mpmath.mpf(dim) / 2, 0, reach, regularized=True)
-        whole = number(match.integral) / kept
-        error = max(match.integral_error, 1e-40)
-        if abs(whole - 1) > error or 1 - kept <= error:
-            return None
-        return Fault(
+        integral = number(match.integral)
+        whole, error = integral / kept, max(match.integral_error, 1e-40)
+        if abs(integral - 1) <= error or 1 - kept <= error:
+            return []
+        cut = Fault(
             faults.TRUNCATION,
             f"the constant is that of the infinite range, the kernel is cut off at"
             f" {match.support:.6g}h: {float(1 - kept):.4g} of its integral is missing",
         )
+        if abs(whole - 1) <= error:
+            return [cut]
+    plain = explain_constant(match, dim)
+    endless = explain_constant(replace(match, integral=whole), dim)
+    if plain is None or endless is None or plain.kind != faults.WRONG_CONSTANT:
+        return []
+    return [] if endless.kind == faults.WRONG_CONSTANT else [endless, cut]
 
 
 def expected_constant(match: Match, dim: int) -> str:

@@ -371,6 +371,8 @@ def identify(text: str, most: int = MOST) -> Identification:
     near_by = sum(1 for k in everything if abs(mpmath.log(value / k.value)) < 1)
     if not found:
         found = _near(everything, value, error, given)
+    if read.power_of_h is not None:  # 1/(pi*h^3) says its dimension
+        found = [c for c in found if c.dim == -read.power_of_h] or found
     found.sort(key=lambda c: c.bits)
     if found and found[0].match and form is None:
         form = found[0].exact

@@ -50,7 +50,6 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 
 PUBLISHED = Path(__file__).with_name("published.toml")
-JUMP = 1e-3  # of the largest value: a kernel that ends above it may be one that is cut off
 
 
 # -- the ways in ----------------------------------------------------------------------------------
@@ -137,14 +136,15 @@ def audit_formula(
                 "derivative: of a formula that is no polynomial none can be given; audit the"
                 " callable, or a table of it"
             )
-        end = support
+        cut = support
         if kernel is not None:
             if kernel.power:
                 raise ValueError(f"formula: {kernel.name} is not known here; audit a table of it")
-            text, end = "gaussian", support or (str(kernel.cut) if kernel.cut else None)
-        return judge(_sampled_analytic(text, given, end), dim, name, given, scaled)
+            text, cut = "gaussian", support or (str(kernel.cut) if kernel.cut else None)
+        return judge(_sampled_analytic(text, given, cut), dim, name, given, scaled)
     match = exact_match(kernel, given.value, float(given.error), dim)
-    match = _cut_formula(match, kernel, dim, None if support is None else rational(support))
+    end = None if support is None else rational(support, "support")
+    match = _cut_formula(match, kernel, given, dim, end)
     samples = None
     if derivative is not None or second_derivative is not None:
         samples = _sampled_formula(match.support, given, (derivative, own[0]),
@@ -239,7 +239,9 @@ def _written_scaling(order: int, power: Rational, dim: int) -> Scaling:
     return Scaling(order, float(power), -(dim + order), ())
 
 
-def _cut_formula(match: Match, kernel: Kernel, dim: int, end: Rational | None) -> Match:
+def _cut_formula(
+    match: Match, kernel: Kernel, given: Constant, dim: int, end: Rational | None
+) -> Match:
     """The match with its whole kernel, where the formula or `support` cuts one off."""
     if end is not None:
         if not 0 < end:
@@ -253,10 +255,9 @@ def _cut_formula(match: Match, kernel: Kernel, dim: int, end: Rational | None) -
     whole, support = found
     own = whole.scaled(support)
     scale = kernel.pieces[0].LC() / own.pieces[0].LC()
-    one = exact_match(own, number(match.amplitude) * number(scale), 0.0, dim)
-    one = replace(one, written=Kernel(own.knots, [p * scale for p in own.pieces]))
-    short = shortened(one, float(kernel.support), dim)
-    return replace(short, integral=match.integral, integral_error=match.integral_error)
+    written = Kernel(own.knots, [piece * scale for piece in own.pieces])
+    one = exact_match(written, given.value, float(given.error), dim)
+    return shortened(one, float(kernel.support), dim)
 
 
 def _sampled_analytic(name: str, given: Constant, support: str | None) -> Samples:
@@ -307,12 +308,9 @@ def judge(
     seen = scaled or scalings(samples, dim)
     samples = _at_unit_h(samples, seen)
     match = recognise_samples(samples, dim)
-    if match is None or not match.known:
-        inside = np.nonzero(samples.w)[0]
-        if abs(samples.w[inside[-1]]) > JUMP * np.max(np.abs(samples.w)):
-            cut = cut_off(samples, dim)
-            wrong = cut is not None and abs(number(cut.integral) - 1) > cut.integral_error
-            match = cut if wrong else match
+    if match is None or not (match.known or _normalised(match)):
+        cut = cut_off(samples, dim)
+        match = match if cut is None or _normalised(cut) else cut
     if match is None:
         return _numeric(samples, dim, subject, list(samples.notes), seen)
     notes = list(samples.notes)
@@ -323,17 +321,25 @@ def judge(
     return _report(match, samples, dim, subject, notes, seen)
 
 
+def _normalised(match: Match) -> bool:
+    return bool(abs(number(match.integral) - 1) <= max(match.integral_error, 1e-40))
+
+
 def _at_unit_h(samples: Samples, seen: Sequence[Scaling]) -> Samples:
     """The samples without the powers of h that they have too many, so that constants are judged."""
     if samples.h is None or samples.h == 1:
         return samples
-    parts: list[Array | None] = [samples.w, samples.dw, samples.d2w]
-    for scaling in seen:
-        part = parts[scaling.order]
-        if part is not None and scaling.surplus:
-            parts[scaling.order] = part / samples.h**scaling.surplus
-    assert parts[0] is not None
-    return replace(samples, w=parts[0], dw=parts[1], d2w=parts[2])
+    too_much = {scaling.order: samples.h**scaling.surplus for scaling in seen}
+    one, two, three = (too_much.get(order, 1.0) for order in range(3))
+    return replace(
+        samples,
+        w=samples.w / one,
+        error=samples.error / one,
+        dw=None if samples.dw is None else samples.dw / two,
+        derivative_error=samples.derivative_error / two,
+        d2w=None if samples.d2w is None else samples.d2w / three,
+        second_error=samples.second_error / three,
+    )
 
 
 def _report(
@@ -356,8 +362,8 @@ def _report(
         if match.whole is not None:
             fault = explain_constant(match.whole, dim, h)
             found += [fault] if fault is not None else []
-    elif wrong is not None:
-        found.append(wrong)
+    elif wrong:
+        found += wrong
     else:
         fault = explain_constant(match, dim, h)
         if fault is not None and isinstance(match.shape, Kernel) and match.known:

@@ -311,7 +311,8 @@ def shortened(whole: Match, end: float, dim: int) -> Match:
     at = Rational(last.numerator, last.denominator)
     knots = [k for k in kernel.knots if k < at]
     short = Kernel([*knots, at], kernel.pieces[: len(knots)], name=kernel.name)
-    integral = whole.integral * number(kernel.normalisation(dim) / short.normalisation(dim))
+    part = kernel.normalisation(dim) / short.normalisation(dim)
+    integral = whole.integral * (part if isinstance(whole.integral, Expr) else number(part))
     return replace(whole, shape=short, support=end, integral=integral, whole=whole)
 
 
@@ -366,7 +367,7 @@ def _fit_support(
             unit * rounding(kernel, x / float(ratio), shape, slope, expanded) * abs(amplitude)
             + error[inside]
             + _interpolation(kernel, amplitude, float(ratio), spacing)
-            + TINY[unit]
+            + TINY.get(unit, TINY[SINGLE])
         )
         rows = np.stack([shape / noise, -amplitude * slope * (x / float(ratio)) / noise], axis=1)
         orthogonal, triangle = np.linalg.qr(rows)
@@ -415,7 +416,7 @@ def compare(
     if np.max(noise) > MOST_NOISE * guess * np.max(np.abs(shape)):
         return None
     noise += guess * np.abs(slope * own) * support_error + samples.error[inside]
-    noise += _interpolation(kernel, guess, float(ratio), spacing) + TINY[unit]
+    noise += _interpolation(kernel, guess, float(ratio), spacing) + TINY.get(unit, TINY[SINGLE])
     weight = shape / noise
     norm = math.fsum(weight * weight)
     amplitude = math.fsum(weight * (y / noise)) / norm

@@ -13,7 +13,7 @@ from sympy import QQ, Poly, Rational
 from sphtrunc.audit import faults
 from sphtrunc.audit.constants import exact_or_float, number, recognise
 from sphtrunc.audit.faults import Fault
-from sphtrunc.audit.forms import forms
+from sphtrunc.audit.forms import MOST_DEGREE, forms
 from sphtrunc.audit.recognition import Match, profiles
 from sphtrunc.kernels.conventions import lengths
 from sphtrunc.kernels.kernel import Kernel
@@ -106,12 +106,17 @@ def divided(found: Kernel) -> Fault | None:
     """A catalogue kernel with fractions in its terms taken as whole numbers, 3/2 = 1, 1/4 = 0."""
     best: tuple[int, str, list[str]] | None = None
     for kernel, _ in profiles():
+        if kernel.degree > MOST_DEGREE or found.degree > kernel.degree:
+            continue
         for length in {Rational(1), kernel.support}:
+            ends = [knot / length for knot in kernel.knots[: len(found.pieces) + 1]]
+            if [*ends] != [*found.knots]:  # a piece may be missing, no knot moves
+                continue
             own = kernel.scaled(kernel.support / length)
             for form in forms(kernel, "h" if length == 1 else "support"):
                 written = [piece * (1 / form.scale) for piece in own.pieces]
                 for told in (
-                    _truncated(found, own, written),
+                    _truncated(found, written),
                     _truncated_cofactor(found, own, written),
                 ):
                     if told and (best is None or len(told) < best[0]):
@@ -126,13 +131,9 @@ def divided(found: Kernel) -> Fault | None:
     )
 
 
-def _truncated(found: Kernel, own: Kernel, written: Sequence[Poly]) -> list[str]:
+def _truncated(found: Kernel, written: Sequence[Poly]) -> list[str]:
     """What became what, term by term in powers of q; empty where it is something else."""
     count = len(found.pieces)
-    if count > len(written) or own.knots[:count] != found.knots[:-1]:
-        return []
-    if own.knots[count] != found.support:
-        return []
     told: dict[str, None] = {}
     first = written[0].nth(0)
     scale = found.pieces[0].nth(0) / first if first.is_Integer and first else None

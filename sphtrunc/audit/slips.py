@@ -42,6 +42,9 @@ ROUGH_PI: dict[str, float] = {
 }
 
 
+USUAL_SUPPORTS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # in units of what codes call h
+
+
 @dataclass(frozen=True)
 class Slip:
     """A class of fault, words, the factor by which the integral is wrong, and its bits."""
@@ -133,6 +136,12 @@ def _of_kernel(match: Match, kernel: Kernel, dim: int) -> Iterator[Slip]:
                     factor,
                     bits + 3.0 * (other != dim),
                 )
+    usual = {support for _, support in conventions(kernel, dim)}
+    for ends in USUAL_SUPPORTS:
+        if not any(isclose(ends, s, rel_tol=1e-9) for s in (*usual, match.support)):
+            words = f"the constant is the one for a support of {ends:g}h, but it is"
+            words += f" {match.support:.7g}h here"
+            yield Slip(faults.CONVENTION, words, (match.support / ends) ** dim, 3.2)
     yield from _powers_of_support(match, kernel)
     yield from _volume_elements(kernel, dim, stretch)
     scales = written_scales(match, kernel, dim)
@@ -176,8 +185,8 @@ def _volume_elements(kernel: Kernel, dim: int, stretch: float) -> Iterator[Slip]
     mine = surfaces[str(SPHERE[dim])] * radial[dim - 1]
     for name, surface in {**surfaces, "1": 1.0}.items():
         for power in (0, 1, 2):
-            if (name, power) == (str(SPHERE[dim]), dim - 1) or not radial[power]:
-                continue
+            if name == str(SPHERE[power + 1]) or not radial[power]:
+                continue  # right, or right in another dimension
             element = ("1", "q", "q²")[power]
             words = f"the constant is 1/({name} ∫ w {element} dq)"
             if power != dim - 1:
@@ -218,8 +227,8 @@ def _integer_divisions(
         factor = own.factor * stretch**dim * simple
         whole = floor(factor)
         if whole and whole != factor:
-            told = f"integer division: {factor} became {whole}"
-            told += f" ({words})" if scale != 1 else ""
+            told = f"{factor} became {whole}, divided as whole numbers"
+            told += f" (in the {words})" if scale != 1 else ""
             yield Slip(faults.INTEGER_DIVISION, told, whole / float(factor), 2.2 + odd)
 
 
