@@ -41,9 +41,7 @@ def assert_kernel(
     Raises ValueError where the callable cannot be used at all.
     """
     wanted = parse_kernel(kernel)
-    report = audit(
-        function, dim, signature, derivative, second_derivative=second_derivative
-    )
+    report = audit(function, dim, signature, derivative, second_derivative=second_derivative)
     problems = [f"{f.kind}: {f.message}" for f in report.faults]
     if report.kernel != wanted.name and not _same(report.kernel, wanted):
         problems.append(f"it is {report.kernel or 'not recognised'}, not {wanted.name}")

@@ -135,7 +135,9 @@ def _value(tree: Any) -> tuple[Expr, Fraction]:
             for sign, term in terms:
                 value, error = _value(term)
                 total = total + value if sign == "+" else total - value
-                absolute += abs(number(value.subs(_H, 1))) * mpmath.mpf(error.numerator) / error.denominator
+                absolute += (
+                    abs(number(value.subs(_H, 1))) * mpmath.mpf(error.numerator) / error.denominator
+                )
             size = abs(number(total.subs(_H, 1)))
             if not size:
                 return Integer(0), Fraction(0)

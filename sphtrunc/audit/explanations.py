@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-
-
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mpmath
@@ -11,6 +10,7 @@ from sympy import Expr
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.audit import faults
+from sphtrunc.audit.analytic import Analytic
 from sphtrunc.audit.constants import (
     DIGITS,
     exact_or_float,
@@ -21,7 +21,7 @@ from sphtrunc.audit.constants import (
 from sphtrunc.audit.faults import Fault
 from sphtrunc.audit.forms import forms
 from sphtrunc.audit.identification import exact
-from sphtrunc.audit.recognition import Analytic, Match
+from sphtrunc.audit.recognition import Match
 from sphtrunc.audit.samples import DOUBLE, SINGLE
 from sphtrunc.audit.slips import (
     ROUGH_PI,
@@ -61,21 +61,29 @@ def explain_constant(match: Match, dim: int, h: float | None = None) -> Fault | 
 
 
 def explain_factor(
-    match: Match, dim: int, found: float, error: float, shown: str, h: float | None = None
+    match: Match,
+    dim: int,
+    found: float,
+    error: float,
+    shown: str,
+    h: float | None = None,
+    more: Sequence[Slip] = (),
 ) -> Fault:
-    """The class of a factor by which W, or a derivative of it, is off; its words alone."""
+    """The class of a factor by which W, or a derivative of it, is off; its words alone.
+
+    more: slips to be tried beside those of a constant.
+    """
     sign = -1.0 if found < 0 else 1.0
     size, room = abs(found), max(error, 1e-13)
     if abs(size - 1) <= room and sign < 0:
         return Fault(faults.SIGN, "the sign is wrong", "the size is right")
-    slips = constant_slips(match, dim, h)
-    count = len(slips)
+    slips = [*more, *constant_slips(match, dim, h)]
     fits = [slip for slip in slips if abs(size / slip.factor - 1) <= room]
-    others, more = borrowed(match, dim, size, error)
+    others, count = borrowed(match, dim, size, error)
     fits += others
-    count += more
+    count += len(slips)
     if not fits:
-        double = [*pairs(slips)]
+        double = list(pairs(slips))
         count += len(double)
         fits = [slip for slip in double if abs(size / slip.factor - 1) <= room]
     if fits and abs(size - 1) > SINGLE:

@@ -1,4 +1,4 @@
-"""The classes of fault, and what is said of one: what it is here, how surely, what else it may be."""
+"""The classes of fault; a fault says what it is here, how surely, and what else it may be."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ constants are ranked by plausibility, counted in bits: what is half as usual cos
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,9 +19,9 @@ import mpmath
 from sympy import Expr, Float, Integer, Rational, pi, sqrt
 
 from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.audit.analytic import ANALYTIC
 from sphtrunc.audit.constants import DIGITS, constant, number, recognise, slip_of_pen
 from sphtrunc.audit.forms import CATALOGUE, LENGTHS, UNIT_1D, Form, forms
-from sphtrunc.audit.recognition import ANALYTIC
 from sphtrunc.kernels import catalogue, gaussian
 from sphtrunc.kernels.conventions import half_width, lengths
 
@@ -79,7 +80,8 @@ class Exact:
         return factor * root * mpmath.sqrt(mpmath.pi) ** self.halves
 
     def __float__(self) -> float:
-        return float(self.factor) * float(self.square) ** 0.5 * float(mpmath.pi) ** (self.halves / 2)
+        root = float(self.square) ** 0.5
+        return float(self.factor) * root * math.pi ** (self.halves / 2)
 
 
 def exact(value: Expr) -> Exact | None:
@@ -235,8 +237,9 @@ def kernel_bits(name: str, dim: int) -> float:
 
 
 def _in_text(support: Exact | float) -> str:
-    rational = isinstance(support, Exact) and support.square == 1 and not support.halves
-    return str(support.factor) if rational else f"{float(support):.6g}"
+    if isinstance(support, Exact) and support.square == 1 and not support.halves:
+        return str(support.factor)
+    return f"{float(support):.6g}"
 
 
 def resemblance(factor: Fraction, halves: int = 0) -> float:

@@ -7,7 +7,6 @@ of writing the kernel, plus what the table leaves open, plus what the support le
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -16,9 +15,10 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Expr, Poly, Rational, pi
+from sympy import Expr, Poly, Rational
 
 from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.audit.analytic import ANALYTIC, Analytic
 from sphtrunc.audit.constants import DIGITS, number
 from sphtrunc.audit.forms import LENGTHS
 from sphtrunc.audit.reconstruction import fixed, magnitudes, reconstruct, values
@@ -34,56 +34,6 @@ TINY = {DOUBLE: 2.0**-1022, SINGLE: 2.0**-126}  # the least normal numbers: belo
 MOST_NOISE = 2e-3  # of the value at the origin: rounding that leaves room for other kernels
 MOST_ERROR = 5e-2  # relative, of the amplitude: a bound wider than that agrees with anything
 ALIKE = 0.03  # how far apart two profiles may be for a full comparison
-
-
-@dataclass(frozen=True)
-class Analytic:
-    """A kernel that is no polynomial: its shape on [0, end], and σ_d = 1/∫ over that range."""
-
-    name: str
-    shape: Callable[[Any], Any]  # with NumPy functions; q in units of the smoothing length
-    slope: Callable[[Any], Any]
-    bend: Callable[[Any], Any]
-    end: float
-    normalisation: Callable[[int], Expr]
-    source: str
-
-
-_YANG = "Yang, Peng & Liu (2014) doi:10.1016/j.apm.2013.12.001"
-ANALYTIC = {
-    a.name: a
-    for a in (
-        Analytic(
-            "gaussian",
-            lambda q: np.exp(-q * q),
-            lambda q: -2 * q * np.exp(-q * q),
-            lambda q: (4 * q * q - 2) * np.exp(-q * q),
-            math.inf,
-            lambda dim: pi ** Rational(-dim, 2),
-            "Gingold & Monaghan (1977) doi:10.1093/mnras/181.3.375",
-        ),
-        Analytic(
-            "double-cosine",
-            lambda u: 4 * np.cos(np.pi * u) + np.cos(2 * np.pi * u) + 3,
-            lambda u: -np.pi * (4 * np.sin(np.pi * u) + 2 * np.sin(2 * np.pi * u)),
-            lambda u: -4 * np.pi**2 * (np.cos(np.pi * u) + np.cos(2 * np.pi * u)),
-            1.0,
-            lambda dim: {1: Rational(1, 6), 2: pi / (3 * pi**2 - 16), 3: pi / (4 * pi**2 - 30)}[
-                dim
-            ],
-            _YANG,
-        ),
-        Analytic(
-            "cosine",
-            lambda u: 1 + np.cos(np.pi * u),
-            lambda u: -np.pi * np.sin(np.pi * u),
-            lambda u: -(np.pi**2) * np.cos(np.pi * u),
-            1.0,
-            lambda dim: {1: Rational(1, 2), 2: pi / (pi**2 - 4), 3: 3 * pi / (4 * pi**2 - 24)}[dim],
-            "Hann window; elementary integral",
-        ),
-    )
-}
 
 
 @dataclass(frozen=True)
@@ -278,9 +228,7 @@ def cut_off(samples: Samples, dim: int) -> Match | None:
     if samples.w[0] == 0 or not math.isfinite(high):
         return None
     keep = samples.q <= low
-    inside = replace(
-        samples, q=samples.q[keep], w=samples.w[keep], error=samples.error[keep]
-    )
+    inside = replace(samples, q=samples.q[keep], w=samples.w[keep], error=samples.error[keep])
     few = thinned(inside)
     found: list[Match] = []
     for kernel, profile_ in profiles():
@@ -298,7 +246,7 @@ def cut_off(samples: Samples, dim: int) -> Match | None:
                     break
     if not found:
         return None
-    whole = min(found, key=lambda m: (m.unit, m.shape.degree if m.shape else 0))
+    whole = min(found, key=lambda match: (match.unit, match.name))
     return shortened(replace(whole, known=True), nice(high, 64 * DOUBLE), dim)
 
 

@@ -242,8 +242,10 @@ def from_callable(
     nothing, none = np.zeros_like(probes), np.zeros_like(w)
     scaled = []
     for h in SMOOTHING_LENGTHS if depends else ():
-        rows = [None if one is None else one.scaled(probes, h) for one in (kernel, slope, bend)]
-        scaled.append(Scaled(h, probes, rows[0], rows[1], rows[2], nothing, nothing, nothing))
+        one, two = (None if f is None else f.scaled(probes, h) for f in (slope, bend))
+        scaled.append(
+            Scaled(h, probes, kernel.scaled(probes, h), one, two, nothing, nothing, nothing)
+        )
     return Samples(
         q=q,
         w=w,

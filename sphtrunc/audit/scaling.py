@@ -87,7 +87,7 @@ def _scaling(first: Scaled, others: list[Scaled], order: int, dim: int) -> Scali
 
 
 def _surplus(first: Scaled, one: Scaled, order: int) -> float | tuple[float, float]:
-    """p of the h^p by which two smoothing lengths differ; or (q, h) where it is no common factor."""
+    """p of the h^p by which two smoothing lengths differ; or (q, h) where no factor is common."""
     reference, values = _at(first, one.q, order), _values(one, order)
     assert values is not None
     top = float(np.max(np.abs(reference)))
@@ -181,7 +181,8 @@ def _wrong_power(one: Scaling, likewise: Sequence[Scaling]) -> Fault:
     lengths = ", ".join(f"{x:g}" for x in one.lengths)
     return Fault(
         faults.POWER_OF_H,
-        f"power of h in {name}: {_signed(one.power)}, should be {_signed(one.expected)}{also}{hint}",
+        f"power of h in {name}: {_signed(one.power)}, should be {_signed(one.expected)}"
+        f"{also}{hint}",
         f"seen at h = {lengths}" if lengths else "as it is written",
     )
 

@@ -61,9 +61,14 @@ def explain_shape(match: Match) -> Fault | None:
 def _cut(match: Match) -> Fault:
     """The kernel ends before its support does."""
     whole = match.whole
-    assert whole is not None and isinstance(match.shape, Kernel)
+    assert whole is not None
+    assert isinstance(match.shape, Kernel)
     left = recognise(number(match.integral), max(match.integral_error, 1e-15))
-    shown = str(left) if left is not None and len(str(left)) < 30 else f"{float(number(match.integral)):.8g}"
+    shown = (
+        str(left)
+        if left is not None and len(str(left)) < 30
+        else f"{float(number(match.integral)):.8g}"
+    )
     part = exact_or_float(match.support / whole.support)
     edge, centre = (match.shape.pieces[i].eval(x) for i, x in ((-1, match.shape.support), (0, 0)))
     share = f", {float(edge / centre):.3g} of its central value" if centre else ""

@@ -106,7 +106,7 @@ def of(function: Callable[..., Any], what: str) -> Signature:
     """The signature of a callable, from the names of its arguments.
 
     What cannot be read is called as w(q). A single argument is q, and so is a distance without h;
-    two whose names say nothing are r and h. Arguments that have defaults and no known name keep them.
+    two whose names say nothing are r and h. Arguments of no known name keep their defaults.
 
     Raises ValueError where the names do not say enough.
     """
@@ -118,27 +118,26 @@ def of(function: Callable[..., Any], what: str) -> Signature:
     required = [p for p in usable if p.default is p.empty]
     if not usable:
         return Signature(("q",), ("q",), False, False)
-    meant = [[p, _MEANING.get(p.name.lower(), "")] for p in usable]
-    unknown = [entry for entry in meant if not entry[1] and entry[0].default is entry[0].empty]
-    meanings = {meaning for _, meaning in meant if meaning}
-    if len(unknown) == 1 and not meanings & {"q", "r", "xij"}:
-        unknown.pop()[1] = "r" if "h" in meanings else "q"
-    elif len(unknown) == len(required) == 2 and not meanings:
-        unknown[0][1], unknown[1][1], unknown = "r", "h", []
-    known = [(p, meaning) for p, meaning in meant if meaning]
-    if not any(meaning in ("h", "xij") for _, meaning in known):
+    meant = {p.name: _MEANING.get(p.name.lower(), "") for p in usable}
+    unknown = [p.name for p in required if not meant[p.name]]
+    if len(unknown) == 1 and not {"q", "r", "xij"} & set(meant.values()):
+        meant[unknown.pop()] = "r" if "h" in meant.values() else "q"
+    elif len(unknown) == len(required) == 2 and not any(meant.values()):
+        meant |= dict(zip(unknown, ("r", "h"), strict=True))
+        unknown = []
+    if not {"h", "xij"} & set(meant.values()):
         # a distance alone is one in units of h
-        known = [(p, "q" if meaning == "r" else meaning) for p, meaning in known]
-    meanings = tuple(meaning for _, meaning in known)
+        meant = {name: "q" if meaning == "r" else meaning for name, meaning in meant.items()}
+    known = [p for p in usable if meant[p.name]]
+    names, meanings = (tuple(x) for x in ([p.name for p in known], [meant[p.name] for p in known]))
     if unknown or not _sufficient(meanings):
         shown = ", ".join(p.name for p in usable)[:80]
         raise ValueError(
             f"{what}: of its arguments ({shown}) it is not clear which are the distance and the"
             f" smoothing length; say it with a signature in its order, {EXAMPLES}"
         )
-    names = tuple(p.name for p, _ in known)
     keyword = names != tuple(p.name for p in usable[: len(names)]) or any(
-        p.kind is p.KEYWORD_ONLY for p, _ in known
+        p.kind is p.KEYWORD_ONLY for p in known
     )
     return Signature(names, meanings, keyword, False)
 

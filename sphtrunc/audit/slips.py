@@ -20,10 +20,11 @@ from sympy import Expr, Integer, Rational
 from sympy import pi as exact_pi
 
 from sphtrunc.audit import faults
+from sphtrunc.audit.analytic import Analytic
 from sphtrunc.audit.constants import number
 from sphtrunc.audit.forms import LENGTHS, UNIT_1D, forms
 from sphtrunc.audit.identification import Exact, exact, known_constants
-from sphtrunc.audit.recognition import Analytic, Match, conventions
+from sphtrunc.audit.recognition import Match, conventions
 from sphtrunc.kernels.kernel import SPHERE, Kernel
 
 #: constants that were printed wrongly and copied since: (kernel, dimension, constant of its shape)
@@ -98,9 +99,9 @@ def _general(match: Match, dim: int, h: float | None) -> Iterator[Slip]:
         yield Slip(faults.FACTOR_PI, f"a factor {power} {lost}", pi ** (halves / 2), bits)
     yield from _rough_pi(match, dim)
     if h is not None and h != 1:
-        for power in (1, -1, 2, -2, 3, -3):
-            words = f"a factor h^{power} too many (h = {h:g}): its power of h is wrong"
-            yield Slip(faults.POWER_OF_H, words, h**power, 1.5 + 0.2 * abs(power))
+        for n in (1, -1, 2, -2, 3, -3):
+            words = f"a factor h^{n} too many (h = {h:g}): its power of h is wrong"
+            yield Slip(faults.POWER_OF_H, words, h**n, 1.5 + 0.2 * abs(n))
 
 
 def _rough_pi(match: Match, dim: int) -> Iterator[Slip]:
@@ -276,5 +277,3 @@ def pairs(slips: list[Slip]) -> Iterator[Slip]:
                     one.factor * other.factor,
                     one.bits + other.bits + 2.0,
                 )
-
-

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from sympy import QQ, Poly
 
 from sphtrunc.audit import faults
+from sphtrunc.audit.analytic import ANALYTIC, Analytic
 from sphtrunc.audit.constants import exact_or_float, number, recognise
 from sphtrunc.audit.explanations import explain_factor
 from sphtrunc.audit.faults import Fault
-from sphtrunc.audit.recognition import ANALYTIC, Analytic, Match, conventions, derived, profiles
+from sphtrunc.audit.recognition import Match, conventions, derived, profiles
 from sphtrunc.audit.reconstruction import reconstruct
 from sphtrunc.audit.samples import DOUBLE, Array, Samples
+from sphtrunc.audit.slips import Slip
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.piecewise import q
 
@@ -114,25 +117,31 @@ def _factor_of_derivative(
         for power in (1, -1, 2, -2):
             if abs(factor / h**power - 1) < error:
                 hint = _of_h(order, power)
-                return Fault(
-                    faults.POWER_OF_H, f"{lead}, which is h^{power} with h = {h:g}{hint}"
-                )
-    kappas = {match.support, float(match.shape.support) if isinstance(match.shape, Kernel) else 1.0}
-    for kappa in kappas - {1.0}:
-        for power in (-1, 1, -2, 2):
-            if abs(abs(factor) / kappa**power - 1) < error:
-                minus = ", and the sign is wrong" if factor < 0 else ""
-                return Fault(
-                    faults.POWER_OF_SUPPORT,
-                    f"{lead}: the chain rule's factor {kappa:g}^{-power} is lost{minus}",
-                )
-    fault = explain_factor(match, dim, factor, error, shown)
+                return Fault(faults.POWER_OF_H, f"{lead}, which is h^{power} with h = {h:g}{hint}")
+    chain = [
+        Slip(
+            faults.POWER_OF_SUPPORT,
+            f"the chain rule's factor {kappa:g}^{-power} is lost",
+            kappa**power,
+            bits + 0.2 * abs(power),
+        )
+        for kappa, bits in _supports(match).items()
+        for power in (-1, 1, -2, 2)
+    ]
+    fault = explain_factor(match, dim, factor, error, shown, more=chain)
     return Fault(
         fault.kind if fault.kind != faults.WRONG_CONSTANT else faults.WRONG_DERIVATIVE,
         f"{lead}: {fault.message}",
         fault.surely,
         fault.also,
     )
+
+
+def _supports(match: Match) -> dict[float, float]:
+    """Supports whose powers the chain rule brings: the author's, the catalogue's; with bits."""
+    found = {float(match.shape.support): 2.2} if isinstance(match.shape, Kernel) else {}
+    found[match.support] = 1.2
+    return {kappa: bits for kappa, bits in found.items() if kappa != 1}
 
 
 def _of_h(order: int, power: float) -> str:
@@ -243,7 +252,7 @@ def _piece_by_piece(
     told: list[str] = []
     kinds: list[str] = []
     fine = 0
-    for a, b in zip(knots, knots[1:], strict=False):
+    for a, b in pairwise(knots):
         here = (x > a) & (x < b)
         if np.count_nonzero(here) < 4:
             return None
@@ -288,9 +297,8 @@ def _piece_by_piece(
 def _termwise(match: Match, x: Array, has: Array, right: Array, order: int) -> Fault:
     """Which terms of the derivative are wrong, if it is a piecewise polynomial at all."""
     worst = int(np.argmax(np.abs(has - right)))
-    where = (
-        f"largest at q = {x[worst]:.4g}: {has[worst]:.6g} where {RIGHT[order]} is {right[worst]:.6g}"
-    )
+    here, there = f"{has[worst]:.6g}", f"{right[worst]:.6g}"
+    where = f"largest at q = {x[worst]:.4g}: {here} where {RIGHT[order]} is {there}"
     lead = f"{NAME[order]} is not {WORDS[order]}"
     if isinstance(match.shape, Kernel):
         # in units of the coefficients of w(u), u = q/κ: rational where w′ is a usual polynomial

@@ -49,9 +49,7 @@ from sphtrunc.output import emit
     metavar="TEXT",
     help="The constant of the derivative of --formula, where it is another: 1/(pi*h^4).",
 )
-@click.option(
-    "--second-constant", metavar="TEXT", help="That of its second derivative."
-)
+@click.option("--second-constant", metavar="TEXT", help="That of its second derivative.")
 @click.option("--list", "list_", metavar="FILE", help="A TOML list of kernels.")
 @click.option(
     "--support", metavar="NUMBER", help="Where the caller cuts it off, in units of its h."

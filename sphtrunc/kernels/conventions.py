@@ -218,14 +218,11 @@ def half_width(kernel: Kernel, digits: int = 50) -> Any:
         if not level > 0:
             return mpmath.mpf(0)
         knots = [mpmath.mpf(k.p) / k.q for k in kernel.knots]
-        for a, b, piece in zip(knots, knots[1:], pieces, strict=False):
-            if mpmath.polyval(piece, b) <= level:
-                break
-        else:
-            return mpmath.mpf(0)  # it jumps at the edge from above half of its centre
-        if mpmath.polyval(piece, a) <= level:
-            return mpmath.mpf(0)  # it jumps over the half
-        low, high = a, b
+        ends = [mpmath.polyval(p, k) for p, k in zip(pieces, knots[1:], strict=True)]
+        here = next((i for i, end in enumerate(ends) if end <= level), None)
+        if here is None or mpmath.polyval(pieces[here], knots[here]) <= level:
+            return mpmath.mpf(0)  # it jumps over the half, at its edge or before
+        piece, low, high = pieces[here], knots[here], knots[here + 1]
         for _ in range(48):
             middle = (low + high) / 2
             above = mpmath.polyval(piece, middle) > level

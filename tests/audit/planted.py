@@ -1,7 +1,7 @@
 """Kernels as codes write them, with the constants of the literature, and the faults of codes.
 
-Nothing here comes from the package: shapes are typed out, constants are published ones (Dehnen & Aly
-2012, doi:10.1111/j.1365-2966.2012.21439.x; Morris, Fox & Zhu 1997, doi:10.1006/jcph.1997.5776;
+Nothing here comes from the package: shapes are typed out, constants are published ones (Dehnen &
+Aly 2012, doi:10.1111/j.1365-2966.2012.21439.x; Morris, Fox & Zhu 1997, doi:10.1006/jcph.1997.5776;
 Müller, Charypar & Gross 2003, doi:10.2312/SCA03/154-159; Desbrun & Gascuel 1996).
 """
 
@@ -108,7 +108,7 @@ def code(
     power: float | None = None,
     function: Function | None = None,
 ) -> Callable[[Any, float], Any]:
-    """(r, h) -> c h^power f(r/h), f the shape or a derivative of it, right where nothing is said."""
+    """(r, h) -> c h^power f(r/h), f the shape or a derivative; right where nothing is said."""
     c = kernel.constants[dim] if constant is None else constant
     p = -(dim + order) if power is None else power
     f = function or (kernel.shape, kernel.slope, kernel.bend)[order]

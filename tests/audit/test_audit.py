@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import sphtrunc
-from sphtrunc.audit import faults as slips
 from sphtrunc import kernel
 from sphtrunc.audit import PUBLISHED, audit, audit_formula, audit_list, audit_table
+from sphtrunc.audit import faults as slips
 from sphtrunc.audit.recognition import conventions, profiles
 from sphtrunc.testing import assert_kernel
 

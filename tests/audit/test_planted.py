@@ -1,4 +1,4 @@
-"""Faults of real codes, planted in kernels that share nothing with the package: class × kernel × dim.
+"""Faults of real codes, planted in kernels that share nothing with the package.
 
 Each must be named. Where several slips leave the very same factor, as 4/3 for M4 in 1D, the planted
 one must be among those that are listed. The right kernels are accused of nothing.
@@ -12,9 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from sphtrunc.audit import Audit, audit, audit_table, faults
-from sphtrunc.testing import assert_kernel
 from planted import (
     C2,
     C2_UNIT,
@@ -30,6 +27,9 @@ from planted import (
     Written,
     code,
 )
+
+from sphtrunc.audit import Audit, audit, audit_table, faults
+from sphtrunc.testing import assert_kernel
 
 EVERY = [(kernel, dim) for kernel in KERNELS for dim in kernel.constants]
 
