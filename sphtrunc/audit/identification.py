@@ -81,7 +81,7 @@ class Exact:
 
     def __float__(self) -> float:
         root = float(self.square) ** 0.5
-        return float(self.factor) * root * math.pi ** (self.halves / 2)
+        return float(self.factor) * root * float(math.pi ** (self.halves / 2))
 
 
 def exact(value: Expr) -> Exact | None:
@@ -221,7 +221,7 @@ def _all_forms(
     if dim > 1 and first is not None and of_ratio is not None:
         scale = (first * of_ratio).inverse()
         if scale != Exact(Fraction(1)):
-            yield Form(UNIT_1D, Rational(0), 0.7), scale
+            yield Form(UNIT_1D, Rational(0), 1.2), scale
 
 
 def kernel_bits(name: str, dim: int) -> float:
@@ -366,12 +366,13 @@ def identify(text: str, most: int = MOST) -> Identification:
     form = recognise(value, error) if read.value.is_Rational else read.value
     everything = known_constants()
     given = exact(read.value if error == 0 or form is None else form)
+    plain = float(value)
+    near_by = sum(1 for k in everything if plain < math.e * k.value < math.e**2 * plain)
     found = [
         Candidate(k.kernel, k.dim, k.convention, k.form, k.expression(), Integer(1), True, k.bits)
         for k in everything
-        if _agrees(k, value, error, given)
+        if abs(plain / k.value - 1) < 2 * error + 1e-13 and _agrees(k, value, error, given)
     ]
-    near_by = sum(1 for k in everything if abs(mpmath.log(value / k.value)) < 1)
     if not found:
         found = _near(everything, value, error, given)
     if read.power_of_h is not None:  # 1/(pi*h^3) says its dimension
@@ -399,7 +400,7 @@ def _near(
     everything: tuple[Known, ...], value: Any, error: float, given: Exact | None
 ) -> list[Candidate]:
     """The constants of which the number is a simple multiple, one for each kernel and dimension."""
-    best: dict[tuple[str, int], Candidate] = {}
+    best: dict[tuple[str, int], tuple[float, Known, Exact | float]] = {}
     # a resemblance says less than the number itself does, or it says nothing
     own = inf if given is None else log2(given.factor.numerator * given.factor.denominator)
     most = min(NEAR_BITS, own - 0.4)
@@ -409,18 +410,28 @@ def _near(
             continue
         bits = odd + known.bits
         key = (known.kernel, known.dim)
-        if key not in best or bits < best[key].bits:
-            best[key] = Candidate(
-                known.kernel, known.dim, known.convention, known.form, known.expression(), ratio,
-                False, bits,
-            )  # fmt: skip
-    ranked = sorted(best.values(), key=lambda c: c.bits)[:NEAREST]
-    return [c for c in ranked if c.bits <= ranked[0].bits + WORSE_BITS]
+        if key not in best or bits < best[key][0]:
+            best[key] = bits, known, ratio
+    ranked = sorted(best.values(), key=lambda row: row[0])[:NEAREST]
+    return [
+        Candidate(
+            known.kernel,
+            known.dim,
+            known.convention,
+            known.form,
+            known.expression(),
+            ratio.expression() if isinstance(ratio, Exact) else ratio,
+            False,
+            bits,
+        )
+        for bits, known, ratio in ranked
+        if bits <= ranked[0][0] + WORSE_BITS
+    ]
 
 
 def _ratio(
     known: Known, value: Any, error: float, given: Exact | None
-) -> tuple[float, Expr | float]:
+) -> tuple[float, Exact | float]:
     """How remarkable number/constant is, in bits, and the ratio."""
     none = (inf, 0.0)
     if given is not None and known.exact is not None:
@@ -430,12 +441,12 @@ def _ratio(
         odd = resemblance(ratio.factor, ratio.halves)
         if given.halves == known.exact.halves and slip_of_pen(given.factor, known.exact.factor):
             odd = min(odd, PEN_BITS)
-        return odd, ratio.expression()
+        return odd, ratio
     plain = float(value) / known.value
     if given is not None or abs(plain - 1) > 0.05:
         return none
     simple = recognise(plain, max(error, 1e-14))
     of = exact(simple) if simple is not None else None
     if of is not None:
-        return resemblance(of.factor, of.halves), of.expression()
+        return resemblance(of.factor, of.halves), of
     return (NEAR_BITS, plain) if abs(plain - 1) < 1e-3 else none

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from sympy import Rational
 
+from sphtrunc.audit.analytic import ANALYTIC
 from sphtrunc.audit.constants import Constant, constant, number
 from sphtrunc.audit.judgement import judge, report_of
-from sphtrunc.audit.recognition import ANALYTIC, Match, exact_match, shortened
+from sphtrunc.audit.recognition import Match, exact_match, shortened
 from sphtrunc.audit.reconstruction import fixed, values
 from sphtrunc.audit.report import Audit
 from sphtrunc.audit.samples import DOUBLE, Array, Samples, from_callable, load

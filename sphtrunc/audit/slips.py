@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import permutations
+from itertools import product
 from math import floor, isclose, pi
 from typing import Any
 
@@ -43,6 +43,7 @@ ROUGH_PI: dict[str, float] = {
 }
 
 
+AS_WRITTEN = "as it is written"
 USUAL_SUPPORTS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # in units of what codes call h
 
 
@@ -126,14 +127,15 @@ def _of_kernel(match: Match, kernel: Kernel, dim: int) -> Iterator[Slip]:
     for what, support in conventions(kernel, dim):
         bits = 1.4 + next(b for w, b in LENGTHS.values() if w == what)
         for other in (1, 2, 3):
-            words = f"the constant is the one for {what} (support {support:.7g}h)"
+            words = f"the constant is the one for a support of {support:.7g}h"
+            words += f" (h being {what})" if what != "h" else ""
             words += f" in {other}D" if other != dim else ""
             factor = sigma[other] * (float(kernel.support) / support) ** other / right
             same = isclose(support, match.support, rel_tol=1e-9)
             if not same:
                 yield Slip(
                     faults.CONVENTION if other == dim else faults.OTHER_DIMENSION,
-                    f"{words}, but the support here is {match.support:.7g}h",
+                    f"{words}, but it is {match.support:.7g}h here",
                     factor,
                     bits + 3.0 * (other != dim),
                 )
@@ -146,17 +148,28 @@ def _of_kernel(match: Match, kernel: Kernel, dim: int) -> Iterator[Slip]:
     yield from _powers_of_support(match, kernel)
     yield from _volume_elements(kernel, dim, stretch)
     scales = written_scales(match, kernel, dim)
-    yield from _other_forms(scales)
+    yield from _other_forms(scales, usual_scales(match, kernel, dim))
     for words, (scale, odd) in scales.items():
         constant = right * scale
-        told = f"the reciprocal of the right constant ({words})" if scale != 1 else (
-            "the reciprocal of the right constant")  # fmt: skip
+        told = "the reciprocal of the right constant"
+        told += "" if words == AS_WRITTEN or scale == 1 else f" ({words})"
         yield Slip(faults.RECIPROCAL, told, 1 / constant**2, 2.5 + odd)
     yield from _integer_divisions(match, kernel, dim, scales)
 
 
 def written_scales(match: Match, kernel: Kernel, dim: int) -> dict[str, tuple[float, float]]:
-    """The forms in which the kernel may be written with its author's h: words -> (s, bits)."""
+    """The forms in which the kernel may be written here: words -> (s, bits).
+
+    Of values, any; of a formula the one in which it stands.
+    """
+    if match.written is None:
+        return usual_scales(match, kernel, dim)
+    scale = float(number(match.written.normalisation(dim))) / normalisations(match)[dim]
+    return {AS_WRITTEN: (scale, 0.0)}
+
+
+def usual_scales(match: Match, kernel: Kernel, dim: int) -> dict[str, tuple[float, float]]:
+    """The forms that are met, with the author's h: words -> (s, bits)."""
     lengths = [
         length
         for length, support in (("h", kernel.support), ("support", Rational(1)))
@@ -201,11 +214,14 @@ def _volume_elements(kernel: Kernel, dim: int, stretch: float) -> Iterator[Slip]
             yield Slip(kind, words, factor, 2.2 + 1.5 * (not usual))
 
 
-def _other_forms(scales: dict[str, tuple[float, float]]) -> Iterator[Slip]:
-    for (one, (a, odd)), (other, (b, odder)) in permutations(scales.items(), 2):
-        words = f"the constant is that of another form of the shape: a {_brief(one)}, where the"
-        words += f" shape is a {_brief(other)}"
-        yield Slip(faults.OTHER_FORM, words, a / b, 2.0 + odd + odder)
+def _other_forms(
+    scales: dict[str, tuple[float, float]], usual: dict[str, tuple[float, float]]
+) -> Iterator[Slip]:
+    """The constant of one form beside the shape of another."""
+    for (here, (a, odd)), (other, (b, odder)) in product(scales.items(), usual.items()):
+        words = f"the constant is that of another form, a {_brief(other)}"
+        words += "" if here == AS_WRITTEN else f", where the shape is a {_brief(here)}"
+        yield Slip(faults.OTHER_FORM, words, b / a, 2.0 + odd + odder)
 
 
 def _brief(words: str) -> str:
@@ -229,7 +245,7 @@ def _integer_divisions(
         whole = floor(factor)
         if whole and whole != factor:
             told = f"{factor} became {whole}, divided as whole numbers"
-            told += f" (in the {words})" if scale != 1 else ""
+            told += f" (in the {words})" if words != AS_WRITTEN and scale != 1 else ""
             yield Slip(faults.INTEGER_DIVISION, told, whole / float(factor), 2.2 + odd)
 
 
@@ -254,7 +270,7 @@ def borrowed(match: Match, dim: int, factor: float, error: float) -> tuple[list[
             if k.kernel == kernel.name:
                 continue
             told = f"the constant of {k.kernel} in {k.dim}D, {k.convention}, {k.form}"
-            told += "" if scale == 1 else f", beside a {_brief(words)}"
+            told += "" if words == AS_WRITTEN or scale == 1 else f", beside a {_brief(words)}"
             bits = 2.5 + k.bits + odd + 2.0 * (k.dim != dim)
             bits += 1.0 * (not _ends_at(k.support, match.support))
             found.append(Slip(faults.OTHER_CONSTANT, told, factor, bits))

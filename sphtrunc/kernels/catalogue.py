@@ -160,7 +160,8 @@ KNOWN_AS: dict[str, str] = {
     "wendland quintic c 6": "wendland-c6", "wendland 2": "wendland-c2", "wendland 4": "wendland-c4",
     "wendland 6": "wendland-c6", "wendland 8": "wendland-c8", "gauss": "gaussian",
     "desbrun": "spiky", "mueller": "poly6", "top hat": "polynomial:-1",
-    "tophat": "polynomial:-1", "hat": "b-spline:2", "epanechnikov": "polynomial:0", "quadratic": "johnson-quadratic",
+    "tophat": "polynomial:-1", "hat": "b-spline:2", "epanechnikov": "polynomial:0",
+    "quadratic": "johnson-quadratic",
 }  # fmt: skip
 
 
