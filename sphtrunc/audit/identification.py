@@ -80,8 +80,8 @@ class Exact:
         return factor * root * mpmath.sqrt(mpmath.pi) ** self.halves
 
     def __float__(self) -> float:
-        root = float(self.square) ** 0.5
-        return float(self.factor) * root * float(math.pi ** (self.halves / 2))
+        root = math.sqrt(self.square)
+        return float(self.factor) * root * math.pow(math.pi, self.halves / 2)
 
 
 def exact(value: Expr) -> Exact | None:

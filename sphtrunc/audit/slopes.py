@@ -123,9 +123,9 @@ def _factor_of_derivative(
             faults.POWER_OF_SUPPORT,
             f"the chain rule's factor {kappa:g}^{-power} is lost",
             kappa**power,
-            bits + 0.2 * abs(power),
+            (1.2 if power * natural > 0 else 2.4) + 0.2 * abs(power),
         )
-        for kappa, bits in _supports(match).items()
+        for kappa, natural in _supports(match).items()
         for power in (-1, 1, -2, 2)
     ]
     fault = explain_factor(match, dim, factor, error, shown, more=chain)
@@ -137,11 +137,12 @@ def _factor_of_derivative(
     )
 
 
-def _supports(match: Match) -> dict[float, float]:
-    """Supports whose powers the chain rule brings: the author's, the catalogue's; with bits."""
-    found = {float(match.shape.support): 2.2} if isinstance(match.shape, Kernel) else {}
-    found[match.support] = 1.2
-    return {kappa: bits for kappa, bits in found.items() if kappa != 1}
+def _supports(match: Match) -> dict[float, int]:
+    """Supports κ that the chain rule brings, and whether w(r/κh) is written, which lacks 1/κ where
+    it is forgotten (1), or w(κr/h), which lacks κ (−1)."""
+    found = {float(match.shape.support): -1} if isinstance(match.shape, Kernel) else {}
+    found[match.support] = 1
+    return {kappa: natural for kappa, natural in found.items() if kappa != 1}
 
 
 def _of_h(order: int, power: float) -> str:
