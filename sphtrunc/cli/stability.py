@@ -89,6 +89,8 @@ def command(**given: Any) -> None:
                        --remedy artificial-stress:1/5
     sphtrunc stability --kernel cubic-spline --map swegle
     """
+    if given["pairing"] and given["stem"] is not None:
+        raise click.UsageError("got --pairing and --map, expected one of them")
     rest, exact = _rest(given)
     if given["pairing"]:
         _only(given, "pairing")
@@ -120,8 +122,6 @@ def _only(given: dict[str, Any], task: str) -> None:
         named["pressure"] = "--pressure"
         if given["format_"] != "text" or given["output"] is not None:
             raise click.UsageError("--map writes its own files, without --format and --output")
-        if given["pairing"]:
-            raise click.UsageError("got --pairing and --map, expected one of them")
     used = [option for name, option in named.items() if given[name]]
     if used:
         raise click.UsageError(f"--{task} looks at all of them: without {', '.join(used)}")

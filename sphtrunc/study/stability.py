@@ -38,7 +38,7 @@ LONG = 1e-3
 NEIGHBOURS = {1: (2.2, 16.0), 2: (8.0, 150.0), 3: (20.0, 400.0)}
 #: divisions of the zone where many settings are looked at
 COARSE = {1: 120, 2: 24, 3: 12}
-SETTINGS = 120
+SETTINGS = 80
 #: of the largest number of neighbours that `pairing` looks at
 MOST_NEIGHBOURS = 1000.0
 _REFINED = 1e-8  # of κ

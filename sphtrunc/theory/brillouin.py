@@ -89,7 +89,7 @@ def shortest(kind: str, kappa: Array) -> Array:
 
     b = np.array([[float(c) for c in row] for row in reciprocal(kind)])
     dim = len(b)
-    steps = np.array(list(product(range(-2, 3), repeat=dim))) @ b
+    steps = np.array(list(product((-1, 0, 1), repeat=dim))) @ b  # these bases are reduced
     length = scale(kind)
     turned = np.rint(kappa @ np.linalg.inv(b)) @ b
     moved = (kappa - turned)[:, None, :] + steps
