@@ -146,17 +146,18 @@ def dispersion(kernel: str | None, quick: bool) -> Picture:
     return Picture("dispersion", _named(shape, ratio), panels)
 
 
-def _field(rest: Rest, quick: bool, lowest_p: float = -1.0, highest_p: float = 0.5) -> Field:
+def _field(rest: Rest, quick: bool) -> Field:
     """Growth over Δx/h × P₀."""
     n = 40 if quick else 100
     most = 0.95 * float(rest.kernel.support)
     if rest.dim == 1:
         ratios = np.linspace(0.3, min(1.5, most), n)
     else:
-        low, high = (200, 20) if rest.dim == 3 else (80, 8)
-        ratios = np.linspace(*(ratio_of(rest.kernel, rest.dim, c) for c in (low, high)), n)
+        most_, least = (200, 20) if rest.dim == 3 else (80, 8)
+        ends = [ratio_of(rest.kernel, rest.dim, count) for count in (most_, least)]
+        ratios = np.linspace(ends[0], ends[1], n)
     found = stability_map(
-        rest, [float(r) for r in ratios], [float(p) for p in np.linspace(lowest_p, highest_p, n)]
+        rest, [float(r) for r in ratios], [float(p) for p in np.linspace(-1.0, 0.5, n)]
     )
     rates = np.maximum(found.growth_rate, CALM)
     return Field(found.dx_over_h, found.pressure, rates, r"$\log_{10}$ growth rate $/(c/h)$")
