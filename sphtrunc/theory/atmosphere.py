@@ -1,4 +1,4 @@
-"""An isothermal atmosphere, ρ = e^{−x/L}, P = c²ρ, h ∝ ρ^{−1/d}: the exact error of six rules for h.
+"""An isothermal atmosphere, ρ = e^{−x/L}, P = c²ρ, h ∝ ρ^{−1/d}: the error of six rules, exactly.
 
 Everything is a power series in ε = h/L: the densities and Ω of the neighbours, their h, and the
 moments of every rule (`sphtrunc.theory.variable_h`). The acceleration c²/L comes out with an error
@@ -80,9 +80,7 @@ def _gradient(
 def _moment(kernel: Kernel, key: Key, side: str) -> tuple[Any, ...]:
     """A moment with h = h_a e^{εs₁/d}, in powers of ε."""
     dim = len(key[1])
-    profile = {
-        unit(dim, 0, n): Fraction(1, dim**n * factorial(n)) for n in range(1, _ORDER + 1)
-    }
+    profile = {unit(dim, 0, n): Fraction(1, dim**n * factorial(n)) for n in range(1, _ORDER + 1)}
     return tuple(orders(kernel, key, profile, _RULE_OF[side], _ORDER))
 
 

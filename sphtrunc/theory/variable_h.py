@@ -23,7 +23,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from math import factorial, prod
+from math import factorial
 from typing import TYPE_CHECKING, Any
 
 from sympy import QQ, Expr, Float, Rational, sympify
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 Profile = Mapping[MultiIndex, Fraction]  # the Taylor coefficients of H; H(0) = 1
 
-_DIGITS = 40  # to which a series is summed
+_DIGITS = 34  # to which a series is summed
 _MOST = 20_000  # coefficients of a series
 
 
@@ -200,7 +200,8 @@ def _summed(
     size = _absolute(kernel, key)
     total, n, known, binomial = own, 0, Fraction(1), Fraction(1)
     limit = Fraction(1, 10**_DIGITS)
-    axes = [i for i, g in enumerate(slopes) if g]
+    delta = (0,) * dim if isinstance(term, str) else term
+    odd = [(a + b) % 2 == 1 for a, b in zip(alpha, delta, strict=True)]
     while True:
         ratio = reach * max(Fraction(p + n, n + 1), Fraction(1)) if p > 0 else None
         if p <= 0 and n >= -p:  # C(x, n) = 0 from here on: the series has ended
@@ -213,13 +214,11 @@ def _summed(
         # (1 + g·s)^x at degree n: C(x, n) (g·s)^n with x = p + n − 1
         binomial = binomial * Fraction(p + n - 1, n)
         known = abs(binomial) * reach**n
-        for powers_ in _compositions(n, len(axes)):
-            beta = [0] * dim
-            weight = binomial * _multinomial(powers_)
-            for i, b in zip(axes, powers_, strict=True):
-                beta[i] = b
-                weight *= slopes[i] ** b
-            total += weight * _fraction(kernel, (term, add(alpha, tuple(beta))))
+        for beta in _compositions(n, odd, [bool(g) for g in slopes]):
+            weight = binomial * factorial(n)
+            for b, g in zip(beta, slopes, strict=True):
+                weight *= g**b / Fraction(factorial(b))
+            total += weight * _fraction(kernel, (term, add(alpha, beta)))
         if n > _MOST:
             raise ValueError("h-gradient: |g|κ is too near to 1 to be summed; expected a smaller g")
     if rule == "mean-kernel":
@@ -227,17 +226,15 @@ def _summed(
     return _rational(total)
 
 
-def _compositions(n: int, parts_: int) -> Iterable[tuple[int, ...]]:
-    if parts_ == 1:
-        yield (n,)
+def _compositions(n: int, odd: Sequence[bool], used: Sequence[bool]) -> Iterable[MultiIndex]:
+    """Multi-indices of degree n that are odd where they have to be, and 0 on axes not used."""
+    if not odd:
+        if n == 0:
+            yield ()
         return
-    for first in range(n + 1):
-        for rest in _compositions(n - first, parts_ - 1):
+    for first in range(int(odd[0]), n + 1 if used[0] else 1, 2):
+        for rest in _compositions(n - first, odd[1:], used[1:]):
             yield (first, *rest)
-
-
-def _multinomial(counts: Sequence[int]) -> int:
-    return factorial(sum(counts)) // prod(factorial(c) for c in counts)
 
 
 def _absolute(kernel: Kernel, key: Key) -> Fraction:
@@ -295,7 +292,7 @@ def lattice_sums_of(
     slopes = [slope_share(rule) * g for g in gradient]
     steep = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(reach)
     radius = float(reach / dx_over_h) / (1.0 - steep) * (1.0 + 1e-9)
-    around = []  # (s, t = s/H, H) of every particle within its own support
+    around: list[Any] = []  # (s, t = s/H, H) of every particle within its own support
     for point in sites(kind, radius, tuple(offset)).T.tolist():
         s = [(n * u + o) * dx_over_h for n, u, o in zip(point, units(kind), offset, strict=True)]
         stretch = 1 + sum((g * x for g, x in zip(slopes, s, strict=True)), Fraction(0))
@@ -312,22 +309,31 @@ def lattice_sums_of(
     volume = dx_over_h**dim
     sigma = kernel.normalisation(dim)
     scale = sigma if rational else ctx.mpf(str(sigma.evalf(DIGITS + 10)))
+    if not rational:
+        around = [tuple(_wide(part, ctx) for part in one) for one in around]
     sums = {}
     for key in keys:
         term, alpha = key
-        total: Any = _at_origin(kernel, key, there, volume, rational)
+        total: Any = Fraction(0) if rational else ctx.zero
         for c, beta, name in parts((term, unit(dim, 0, 0))):
             values = found[name]
             assert values is not None
             for (s, t, stretch), value in zip(around, values, strict=True):
-                weight = c * volume / stretch ** (dim + derivatives_of(term))
+                weight = c / stretch ** (dim + derivatives_of(term)) * value
                 for x, y, n, m in zip(s, t, alpha, beta, strict=True):
-                    weight *= x**n * y**m
-                if not rational:
-                    weight = ctx.mpf(weight.numerator) / weight.denominator
-                total += weight * value
-        sums[key] = _rational(total + Fraction(0)) * scale if rational else total * scale
+                    weight *= x**n * y**m if n or m else 1
+                total += weight
+        size = volume if rational else _wide(volume, ctx)
+        total = total * size + _at_origin(kernel, key, there, volume, rational)
+        sums[key] = (_rational(total) if rational else total) * scale
     return sums
+
+
+def _wide(value: Any, ctx: Any) -> Any:
+    """Fractions as 50-digit numbers."""
+    if isinstance(value, list):
+        return [_wide(x, ctx) for x in value]
+    return ctx.mpf(value.numerator) / value.denominator
 
 
 # ---------------------------------------------------------------------------------- derivations
