@@ -19,18 +19,19 @@ doi:10.1046/j.1365-8711.2002.05445.x.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from math import factorial
+from itertools import product
+from math import comb, perm, prod
 from typing import TYPE_CHECKING, Any
 
 from sympy import QQ, Expr, Float, Rational, sympify
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.arguments import rational
-from sphtrunc.kernels.factors import laurent
+from sphtrunc.kernels.factors import _radial_moment, laurent
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
 from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, unit
@@ -190,9 +191,9 @@ def _summed(
         return _rational(own)
     assert isinstance(kernel, Kernel)
     term, alpha = key
-    dim, k = len(alpha), derivatives_of(term)
+    k = derivatives_of(term)
     share = slope_share(rule)
-    slopes = [share * g for g in gradient]
+    slopes = tuple(share * g for g in gradient)
     # |g|κ, rounded up to a rational
     reach = Fraction(float(sum(g * g for g in slopes)) ** 0.5 * float(kernel.support))
     reach *= 1 + Fraction(1, 2**40)
@@ -200,8 +201,6 @@ def _summed(
     size = _absolute(kernel, key)
     total, n, known, binomial = own, 0, Fraction(1), Fraction(1)
     limit = Fraction(1, 10**_DIGITS)
-    delta = (0,) * dim if isinstance(term, str) else term
-    odd = [(a + b) % 2 == 1 for a, b in zip(alpha, delta, strict=True)]
     while True:
         ratio = reach * max(Fraction(p + n, n + 1), Fraction(1)) if p > 0 else None
         if p <= 0 and n >= -p:  # C(x, n) = 0 from here on: the series has ended
@@ -214,11 +213,7 @@ def _summed(
         # (1 + g·s)^x at degree n: C(x, n) (g·s)^n with x = p + n − 1
         binomial = binomial * Fraction(p + n - 1, n)
         known = abs(binomial) * reach**n
-        for beta in _compositions(n, odd, [bool(g) for g in slopes]):
-            weight = binomial * factorial(n)
-            for b, g in zip(beta, slopes, strict=True):
-                weight *= g**b / Fraction(factorial(b))
-            total += weight * _fraction(kernel, (term, add(alpha, beta)))
+        total += binomial * _along(kernel, key, slopes, n)
         if n > _MOST:
             raise ValueError("h-gradient: |g|κ is too near to 1 to be summed; expected a smaller g")
     if rule == "mean-kernel":
@@ -226,15 +221,39 @@ def _summed(
     return _rational(total)
 
 
-def _compositions(n: int, odd: Sequence[bool], used: Sequence[bool]) -> Iterable[MultiIndex]:
-    """Multi-indices of degree n that are odd where they have to be, and 0 on axes not used."""
-    if not odd:
-        if n == 0:
-            yield ()
-        return
-    for first in range(int(odd[0]), n + 1 if used[0] else 1, 2):
-        for rest in _compositions(n - first, odd[1:], used[1:]):
-            yield (first, *rest)
+def _along(kernel: Kernel, key: Key, slopes: tuple[Fraction, ...], n: int) -> Fraction:
+    """∫ (term) (g·t)^n d^d t, the term with its t^α: Σ c ∫ t^β f(|t|) (g·t)^n."""
+    total = Fraction(0)
+    for c, beta, name in parts(key):
+        mean = mean_along(beta, slopes, n)
+        if mean:
+            radial = _radial_moment(kernel, name, sum(beta) + n, len(beta))
+            total += c * mean * fraction(radial)
+    return total
+
+
+@lru_cache(maxsize=1 << 15)
+def mean_along(beta: MultiIndex, slopes: tuple[Fraction, ...], n: int) -> Fraction:
+    """The mean of e^β (g·e)^n over directions e: all ways to pair the factors, k of those of e^β
+    with a g, over d(d+2)…(d+|β|+n−2)."""
+    square = sum((g * g for g in slopes), Fraction(0))
+    total = Fraction(0)
+    for tau in product(*(range(b + 1) for b in beta)):
+        k = sum(tau)
+        left = [b - t for b, t in zip(beta, tau, strict=True)]
+        if k > n or (n - k) % 2 or any(x % 2 for x in left):
+            continue
+        ways = perm(n, k) * _pairings(n - k)
+        for b, t, x, g in zip(beta, tau, left, slopes, strict=True):
+            ways *= comb(b, t) * _pairings(x) * g**t
+        total += ways * square ** ((n - k) // 2)
+    dim = len(beta)
+    return total / prod(range(dim, dim + sum(beta) + n, 2))
+
+
+def _pairings(n: int) -> int:
+    """(n − 1)!!, the ways to pair n things."""
+    return prod(range(n - 1, 0, -2))
 
 
 def _absolute(kernel: Kernel, key: Key) -> Fraction:
