@@ -170,7 +170,7 @@ def test_second_order_in_g(name: str, dim: int) -> None:
         assert found[zero] == [0, 0, 0]
         assert found[e] == [1, 0, square * mu]
         assert found[two][1] == first * mu
-        across = [(axis, key) for axis in range(1, dim) for key in [(zero[:axis] + (1,))]]
+        across = [(axis, key) for axis in range(1, dim) for key in [(*zero[:axis], 1)]]
         for axis, short in across:
             alpha = (*short, *zero[axis + 1 :])
             rows = orders(shape_, (alpha, alpha), {e: Fraction(1)}, rule, 2)
