@@ -24,6 +24,7 @@ COMMANDS = {
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",
     "bench": "Run time against error, on this machine.",
+    "stability": "Which waves grow on a lattice: pairing, tension, time steps.",
 }
 
 

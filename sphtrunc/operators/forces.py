@@ -30,7 +30,7 @@ RateWeight = Callable[[Any, Any], Any]
 #: the gradients that the two ends of a pair see
 PLAIN = "plain"  # K_a = K_b = ∇W
 GRAD_H = "grad-h"  # K_a = ∇W(h_a)/Ω_a
-CORRECTED = "csph"  # K_a = C_a∇W,  C_a = (Σ_b V_b (x_b − x_a)⊗∇_bW)⁻¹
+CORRECTED = "csph"  # K_a = C_a∇W,  C_a = (Σ_b V_b (x_b − x_a)⊗∇W)⁻¹
 REFERENCE = "reference"  # K_a = J_a F_a⁻ᵀ∇W(X), of the positions X that the particles started from
 STAGGERED = "staggered"  # K_b = ∇W from stress points b, which lie between the particles a
 

@@ -11,7 +11,6 @@ from sympy import Expr, Poly, Rational, latex
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.gaussian import Gaussian
-from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.euler_maclaurin import phased
@@ -28,6 +27,11 @@ _PRIMES = {0: "", 1: "′", 2: "″", 3: "‴"}
 
 def text(d: Derivation) -> str:
     """What a person reads first; at most 100 columns, deterministic."""
+    if d.wall is not None:
+        from sphtrunc.theory.wall_text import wall_text
+
+        table = _table_text(d) if d.discrete is not None else ""
+        return "\n\n".join(block for block in (_kernel_text(d), wall_text(d), table) if block)
     blocks = [
         _kernel_text(d),
         _smoothness_text(d),
@@ -56,7 +60,7 @@ def _kernel_text(d: Derivation) -> str:
     sigma = kernel.normalisation(dim)
     constants = [
         f"σ = {_plain(sigma)} in {dim}D",
-        f"Ŵ(0) = {_plain(sigma * central(kernel, dim))}",
+        f"Ŵ(0) = {_plain(sigma * kernel.central(dim))}",
         f"∫s²Ŵ = {_plain(kernel.moment(2, dim))}",
     ]
     return "\n".join([*lines, *_wrapped(constants, "  ", "   ")])
@@ -379,11 +383,6 @@ def finite(value: float) -> int | str:
 
 def _reach(kernel: Any) -> str:
     return f"{kernel.support}h" if kernel.boundary_smoothness != float("inf") else "infinite"
-
-
-def central(kernel: Kernel | Gaussian, dim: int) -> Any:
-    """w(0) of the shape."""
-    return kernel.central(dim) if isinstance(kernel, Gaussian) else kernel.pieces[0].eval(0)
 
 
 def _title(operator: Operator) -> str:

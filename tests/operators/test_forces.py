@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sphtrunc.operators.forces import FORCES, RATES, ArtificialStress, EquationOfState, adjoint, force
+from sphtrunc.operators.forces import (
+    FORCES,
+    RATES,
+    ArtificialStress,
+    EquationOfState,
+    adjoint,
+    force,
+)
 
 positive = st.fractions(Fraction(1, 9), 9, max_denominator=9)
 pressures = st.fractions(-9, 9, max_denominator=9)
