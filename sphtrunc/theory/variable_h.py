@@ -27,7 +27,7 @@ from itertools import product
 from math import comb, perm, prod
 from typing import TYPE_CHECKING, Any
 
-from sympy import QQ, Expr, Float, Rational, sympify
+from sympy import QQ, Expr, Float, Rational
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.arguments import rational
@@ -278,7 +278,8 @@ def _rational(value: Any) -> Any:
 
 def _number(value: Any, exact: bool) -> Expr:
     """An exact number, or 30 digits of one."""
-    value = sympify(value)
+    if isinstance(value, int):
+        return Rational(value)
     if exact or not isinstance(value, Rational):
         return value
     return Float(value, 30)
@@ -402,7 +403,7 @@ def _shown(value: Any) -> Expr:
     """An exact number, or a 50-digit one to 30 digits."""
     if hasattr(value, "context"):
         return Float(Rational(int(value.context.nint(value * 10**40)), 10**40), 30)
-    return sympify(value)
+    return Rational(value) if isinstance(value, int) else value
 
 
 def _gradient(gradient: object, dim: int) -> list[Fraction]:

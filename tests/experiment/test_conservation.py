@@ -245,7 +245,7 @@ def test_omega_on_a_smooth_density() -> None:
     r2 = float(smooth.moment(2, 3))
     law = -(r2 / 9.0) * k**2 * 0.5 / 1.5
     assert (found - uniform) / law == pytest.approx(1.0, abs=3.0 * k**2 * r2)
-    assert abs(uniform - 1.0) < 1e-3 * abs(law)
+    assert abs(uniform - 1.0) < 1e-2 * abs(law)  # of the lattice itself
 
 
 def test_what_is_refused() -> None:
