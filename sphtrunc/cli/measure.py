@@ -33,6 +33,12 @@ from sphtrunc.output import emit
     type=click.Choice(("constant", "cell", "summation")),
     help="Volume of a particle: Δx^d, half-way to the neighbours (1D), or m/ρ.",
 )
+@click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
+@click.option(
+    "--h-rule",
+    type=click.Choice(("gather", "scatter", "mean")),
+    help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
+)
 @click.option("--particles", metavar="FILE", help="Particles from .npz, .csv or .npy instead.")
 @click.option("--h", "length", metavar="H", help="Smoothing length, if the file has none.")
 @click.option("--period", metavar="L", help="Side of a periodic box, L or Lx,Ly,Lz.")
@@ -116,7 +122,7 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     from sphtrunc.scenes.lattice import lattice
 
     if given["particles"] is not None:
-        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset"):
+        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset", "h_gradient"):
             if given[name] not in (None, "0"):
                 option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
@@ -138,8 +144,21 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     if given["jitter"] is None:
         if given["volume"] == "cell":
             raise ValueError("volume: cells of a lattice are Δx^d; expected constant, or --jitter")
-        return made, None
-    return jittered(made, given["jitter"], given["distribution"], given["seed"]), None
+        return _with_lengths(given, made), None
+    moved = jittered(made, given["jitter"], given["distribution"], given["seed"])
+    return _with_lengths(given, moved), None
+
+
+def _with_lengths(given: dict[str, Any], scene: Any) -> Any:
+    """The scene with the gradient of h that the options ask for."""
+    slope = given["h_gradient"]
+    if slope is None:
+        if given["h_rule"] is not None:
+            raise ValueError("h-rule: nothing varies; expected --h-gradient G, or a file with h")
+        return scene
+    from sphtrunc.scenes.smoothing_lengths import sloped
+
+    return sloped(scene, slope.split(",") if "," in slope else slope, given["h_rule"] or "scatter")
 
 
 def _read(given: dict[str, Any]) -> tuple[Any, Any]:
@@ -167,7 +186,8 @@ def _read(given: dict[str, Any]) -> tuple[Any, Any]:
 
         sides = [float(exact(side, "period")) for side in given["period"].split(",")]
         period = sides if len(sides) > 1 else sides[0]
-    return particles(columns.pop("x"), h=h, period=period, **columns), values
+    mode = given["h_rule"] or "gather"
+    return particles(columns.pop("x"), h=h, period=period, mode=mode, **columns), values
 
 
 def _field(given: dict[str, Any], dim: int, values: Any) -> Any:

@@ -15,8 +15,9 @@ from sphtrunc.scenes.sites import in_pairs
 
 if TYPE_CHECKING:
     from sphtrunc.scenes.particles import Particles
+    from sphtrunc.scenes.smoothing_lengths import Sloped
 
-Scene: TypeAlias = "Lattice | Jittered | Graded | Particles"
+Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped"
 
 
 def paired(scene: Scene) -> bool:
