@@ -74,7 +74,7 @@ ghosts: Decorator = click.option(
     type=click.Choice(GHOSTS),
     default="none",
     show_default=True,
-    help="Beyond the wall: nothing; images with A or with 2 A_wall - A; dummies with Shepard means.",
+    help="Beyond the wall: nothing, images with A or 2 A_wall - A, dummies with Shepard means.",
 )
 
 

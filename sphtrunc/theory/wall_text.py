@@ -7,6 +7,7 @@ from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.operators.moments import MultiIndex
+from sphtrunc.theory.remedies import named
 from sphtrunc.theory.typeset import (
     _h,
     _number,
@@ -59,8 +60,8 @@ def wall_text(d: Derivation) -> str:
         )
         if order.aligned is not None and order.aligned != order.generic:
             lines.append(
-                f"  and of order (Δx/h){_power(order.aligned)} where it is half-way, or at particles"
-                " of which half counts"
+                f"  and of order (Δx/h){_power(order.aligned)} where it is half-way, or at"
+                " particles of which half counts"
             )
     return "\n".join(lines)
 
@@ -70,12 +71,6 @@ def leading_terms(d: Derivation) -> Mapping[MultiIndex, Any]:
     taylor = {a: e / prod(factorial(n) for n in a) for a, e in d.limit.error.items() if e != 0}
     degrees = sorted({sum(a) for a in taylor})[:2]
     return {a: c for a, c in taylor.items() if sum(a) in degrees}
-
-
-def named(alpha: MultiIndex) -> str:
-    """The derivative of A: A, A_n, A_tt, …; in 3D the two tangents are t and b."""
-    index = "".join(axis * n for axis, n in zip("ntb", alpha, strict=False))
-    return f"A_{index}" if index else "A"
 
 
 def _polynomial(value: Expr) -> str:
