@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from sphtrunc.cli import options
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.output import emit
 from sphtrunc.theory.deriving import derive
 
@@ -32,6 +33,12 @@ from sphtrunc.theory.deriving import derive
 @options.wall_at
 @options.wall_weight
 @options.ghosts
+@click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
+@click.option(
+    "--h-rule",
+    type=click.Choice(RULES),
+    help="Whose h a pair takes.  [default: scatter]",
+)
 @options.formats("text", "latex", "json")
 @options.output
 def command(
@@ -51,6 +58,8 @@ def command(
     wall_at: str | None,
     wall_weight: str | None,
     ghosts: str,
+    h_gradient: str | None,
+    h_rule: str | None,
     format_: str,
     output: str | None,
 ) -> None:
@@ -63,7 +72,10 @@ def command(
     sphtrunc derive --kernel wendland-c2 --dim 2 --dx-over-h 0.6 --jitter 0.05
     sphtrunc derive --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way
     sphtrunc derive --kernel cubic-spline --dim 3 --correction csph --form difference --wall
+    sphtrunc derive --kernel cubic-spline --h-gradient 1/5 --h-rule scatter
     """
+    if h_rule is not None and h_gradient is None:
+        raise ValueError("h-rule: nothing varies; expected --h-gradient G as well")
     result = derive(
         kernel,
         operator,
@@ -81,6 +93,8 @@ def command(
         wall_at=wall_at,
         wall_weight=wall_weight,
         ghosts=ghosts,
+        h_gradient=h_gradient.split(",") if h_gradient and "," in h_gradient else h_gradient,
+        h_rule=h_rule or "scatter",
     )
     render = {"text": result.to_text, "latex": result.to_latex, "json": result.to_json}
     emit(render[format_](), output)

@@ -60,6 +60,8 @@ def derive(
     wall_at: object = None,
     wall_weight: object = None,
     ghosts: str = "none",
+    h_gradient: object = None,
+    h_rule: str = "scatter",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
@@ -80,6 +82,8 @@ def derive(
         of particles; None: where the offset puts it
     wall_weight: what part of a particle on the wall counts, 1/2 unless given
     ghosts: beyond the wall: "none", "mirror", "odd" (2 A_wall − A) or "dummy" (Shepard means)
+    h_gradient, h_rule: h(x) = h_a (1 + g·s), g one number (along the first axis) or one per axis,
+        and whose h a pair takes, "gather", "scatter", "mean" or "mean-kernel": adds `varying`
 
     In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
     given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
@@ -102,10 +106,10 @@ def derive(
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
     if wall is not None:
-        if jitter is not None or volume != "constant":
+        if jitter is not None or volume != "constant" or h_gradient is not None:
             raise ValueError(
-                "wall: displaced particles and summed volumes beside a wall are measured, not"
-                " derived; expected no jitter, and volume constant"
+                "wall: displaced particles, summed volumes and a varying h beside a wall are not"
+                " derived; expected no jitter, no h-gradient, and volume constant"
             )
         from sphtrunc.theory.wall_derivation import beside
 
@@ -141,7 +145,7 @@ def derive(
             discrete = _moments(operator, sums, dim, degree, "derived", around)
         else:
             discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
-    return Derivation(
+    result = Derivation(
         kernel=kernel,
         operator=operator,
         dim=dim,
@@ -162,6 +166,11 @@ def derive(
             kernel, operator, kind, ratio, shift, volume, min(degree, 6), jitter, distribution
         ),
     )
+    if h_gradient is None:
+        return result
+    from sphtrunc.theory.variable_h import varying
+
+    return varying(result, h_gradient, h_rule)
 
 
 def _offset(offset: object, dim: int) -> tuple[Rational, ...]:

@@ -24,7 +24,7 @@ from sphtrunc.kernels.factors import laurent
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.operators.terms import Key, parts
+from sphtrunc.operators.terms import SLOPE, VALUE, Key, parts
 from sphtrunc.scenes.sites import KINDS, metric
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def lattice_sums(
     """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
 
     volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
-    turned: only over the sites that `Kind.turned` calls so, or over the others; None: over all
+    turned: only over the sites of the second sublattice (`Kind.turned`), or of the first; None:
+        over all of them
     planes: only over the sites from one index along the first axis to another; None: no end
     kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
     rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
@@ -89,24 +90,24 @@ def lattice_sums(
     shells = _shells(kind, dx_over_h, tuple(offset), fraction(kernel.support), turned, planes)
     dim = len(offset)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
-    names = {name for key in keys for _, _, name in parts(key)}
-    radial = {name: _radial(kernel, name, shells.squares, rational, dim) for name in names}
+    factors = {k for key in keys for _, _, k in parts(key)}
+    radial = {k: _radial(kernel, k, shells.squares, rational, dim) for k in factors}
     ctx = real_context()
     sigma = kernel.normalisation(dim)
     scale: Any = sigma
     if not all(values is not None for values in radial.values()):
         rational = False
-        radial = {name: _radial(kernel, name, shells.squares, False, dim) for name in names}
+        radial = {k: _radial(kernel, k, shells.squares, False, dim) for k in factors}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
     cell = dx_over_h**dim
 
     @cache
-    def total(beta: MultiIndex, name: str) -> Any:
+    def total(beta: MultiIndex, k: int) -> Any:
         counts = shells.moments(beta)
         if counts is None:
             return 0
-        values = radial[name]
+        values = radial[k]
         assert values is not None
         steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * cell
         if rational:
@@ -121,7 +122,7 @@ def lattice_sums(
 
     result: dict[Key, Any] = {}
     for key in keys:
-        value = sum(c * total(beta, name) for c, beta, name in parts(key))
+        value = sum(c * total(beta, k) for c, beta, k in parts(key))
         value = value + _at_origin(kernel, key, shells.at_origin, cell, rational)
         if isinstance(value, Fraction):
             value = Rational(value.numerator, value.denominator)
@@ -280,7 +281,7 @@ def lattice_moments(
 
 
 def _radial(
-    kernel: Kernel | Gaussian, name: str, squares: Sequence[Fraction], rational: bool, dim: int
+    kernel: Kernel | Gaussian, k: int, squares: Sequence[Fraction], rational: bool, dim: int
 ) -> list[Any] | None:
     """f(q) on every shell, without σ_d; None where rational ones are wanted and there are none.
 
@@ -288,10 +289,10 @@ def _radial(
     """
     ctx = real_context()
     if not isinstance(kernel, Kernel):
-        return [kernel.radial_mp(ctx, name, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator), dim)
+        return [kernel.radial_mp(ctx, k, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator), dim)
                 for s in squares]  # fmt: skip
     knots = [fraction(k) for k in kernel.knots]
-    pieces = [*laurent(kernel, name), {}]
+    pieces = [*laurent(kernel, k), {}]
     result: list[Any] = []
     for square in squares:
         i = sum(square > k**2 for k in knots[1:])
@@ -341,7 +342,7 @@ def _at_origin(
     ctx = real_context()
     second = sum(term) == 2
     if isinstance(kernel, Kernel):
-        piece = laurent(kernel, "w1" if second else "w")[0]
+        piece = laurent(kernel, SLOPE if second else VALUE)[0]
         if second and len(alpha) > 1 and min(piece, default=0) < 0:
             raise ValueError(
                 f"kernel {kernel.name!r} has no second derivative at q = 0, where a particle lies;"
@@ -349,5 +350,5 @@ def _at_origin(
             )
         value: Any = piece.get(0, Fraction(0)) * volume
         return value if rational else ctx.mpf(value.numerator) / value.denominator
-    value = kernel.radial_mp(ctx, "w1" if second else "w", ctx.zero, len(alpha))
+    value = kernel.radial_mp(ctx, SLOPE if second else VALUE, ctx.zero, len(alpha))
     return value * volume.numerator / volume.denominator

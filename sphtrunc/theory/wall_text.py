@@ -10,12 +10,14 @@ from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.theory.remedies import named
 from sphtrunc.theory.typeset import (
     _h,
+    _kernel_text,
     _number,
     _plain,
     _power,
     _product,
     _signed,
     _sub,
+    _table_text,
     _title,
     _wrapped,
 )
@@ -29,7 +31,13 @@ if TYPE_CHECKING:
 PLACED = {"particle": "at a plane of particles", "half-way": "half-way between planes of particles"}
 
 
-def wall_text(d: Derivation) -> str:
+def text(d: Derivation) -> str:
+    """As `typeset.text`: the kernel, the wall and its errors, the moments at a ratio."""
+    table = _table_text(d) if d.discrete is not None else ""
+    return "\n\n".join(block for block in (_kernel_text(d), _wall_text(d), table) if block)
+
+
+def _wall_text(d: Derivation) -> str:
     """Where the wall is, the moments of what it leaves, and the error; at most 100 columns."""
     view = d.wall
     assert view is not None
