@@ -50,8 +50,8 @@ class Derivation:
     discrete: the moments at the given Δx/h and offset (None without a ratio)
     find_orders, find_aliasing: derive `orders` and `aliasing` when they are first asked for
     scatter: mean and spread of the moments where the particles are displaced (None without jitter)
-    wall: the plane that cuts the support (None without one)
     varying: the limit with a gradient of h (None without one); `discrete` has it too, `terms` not
+    wall: the plane that cuts the support (None without one)
     """
 
     kernel: Kernel | Gaussian
@@ -69,8 +69,8 @@ class Derivation:
     find_orders: Callable[[], Orders] = field(repr=False, compare=False)
     find_aliasing: Callable[[], Aliasing | None] = field(repr=False, compare=False)
     scatter: Prediction | None = None
-    wall: WallView | None = None
     varying: Varying | None = None
+    wall: WallView | None = None
 
     @cached_property
     def orders(self) -> Orders:

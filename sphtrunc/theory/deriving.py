@@ -56,12 +56,12 @@ def derive(
     volume: str = "constant",
     jitter: object = None,
     distribution: str = "gaussian",
+    h_gradient: object = None,
+    h_rule: str = "scatter",
     wall: object = None,
     wall_at: object = None,
     wall_weight: object = None,
     ghosts: str = "none",
-    h_gradient: object = None,
-    h_rule: str = "scatter",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
@@ -76,14 +76,14 @@ def derive(
     volume: "constant", or "summation" (all particles alike, 1/Σ W)
     jitter, distribution: σ/Δx along each axis, 0 to 10, and "gaussian", "uniform" or "blue": adds
         `scatter`, mean and spread of the moments when every particle is displaced at random
+    h_gradient, h_rule: h(x) = h_a (1 + g·s), g one number (along the first axis) or one per axis,
+        and whose h a pair takes, "gather", "scatter", "mean" or "mean-kernel": adds `varying`
     wall: η, the distance of the target in h from a plane wall or a free surface normal to the first
         axis, or "eta" for the moments as functions of it
     wall_at: where the lattice has the wall: "particle", "half-way" or the steps to the first plane
         of particles; None: where the offset puts it
     wall_weight: what part of a particle on the wall counts, 1/2 unless given
     ghosts: beyond the wall: "none", "mirror", "odd" (2 A_wall − A) or "dummy" (Shepard means)
-    h_gradient, h_rule: h(x) = h_a (1 + g·s), g one number (along the first axis) or one per axis,
-        and whose h a pair takes, "gather", "scatter", "mean" or "mean-kernel": adds `varying`
 
     In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
     given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
@@ -106,10 +106,10 @@ def derive(
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
     if wall is not None:
-        if jitter is not None or volume != "constant" or h_gradient is not None:
+        if jitter is not None or volume != "constant":
             raise ValueError(
-                "wall: displaced particles, summed volumes and a varying h beside a wall are not"
-                " derived; expected no jitter, no h-gradient, and volume constant"
+                "wall: displaced particles and summed volumes beside a wall are measured, not"
+                " derived; expected no jitter, and volume constant"
             )
         from sphtrunc.theory.wall_derivation import beside
 
