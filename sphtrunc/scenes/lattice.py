@@ -184,7 +184,7 @@ def beside_wall(
     *,
     at: object = None,
     ghosts: str = "none",
-    weight: object = "1/2",
+    weight: object = None,
 ) -> Lattice:
     """The lattice on one side of a plane wall, or of a free surface, normal to the first axis.
 
@@ -195,14 +195,18 @@ def beside_wall(
     ghosts: beyond the wall "none"; "mirror" or "odd", images of the particles with the value A or
         2 A_wall − A of their original; "dummy", the lattice continued, with Shepard means of the
         fluid
-    weight: what part of a particle on the wall counts, without ghosts
+    weight: what part of a particle on the wall counts, 1/2 unless given
 
     Raises ValueError for what is out of range.
     """
     if scene.volume != "constant":
         raise ValueError(f"wall: got volumes {scene.volume}, expected constant ones beside a wall")
+    if weight is not None and ghosts != "none":
+        raise ValueError(
+            f"wall-weight: with {ghosts} ghosts a particle on the wall counts once; expected none"
+        )
     place = None if at is None else exact(PLACES.get(str(at), at), "wall-at")
-    wall = Wall(exact(eta, "wall"), place, ghosts, exact(weight, "wall-weight"))
+    wall = Wall(exact(eta, "wall"), place, ghosts, exact(weight or "1/2", "wall-weight"))
     offset, _ = wall.placed(scene.kind, scene.dx_over_h, scene.offset)
     return replace(scene, offset=offset, wall=replace(wall, at=None))
 

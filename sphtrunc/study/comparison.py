@@ -21,11 +21,10 @@ from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
-from sphtrunc.scenes.walls import Wall
+from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
-from sphtrunc.theory.walls import wall_lattice_moments
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -35,8 +34,7 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
     """
     if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
         raise ValueError(
-            "scene: beside a wall there is theory for the moments on a lattice alone; expected that,"
-            " or no wall"
+            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
         )
     if isinstance(scene, Jittered):
         return scene.lattice, scene.sigma, scene.distribution
@@ -56,8 +54,19 @@ def predict_moments(
 
     Raises ValueError where there is no theory: see `rule`.
     """
-    if isinstance(scene, Lattice) and scene.wall is not None:
-        return _beside_wall(scene, scene.wall, parse_kernel(kernel), operator, degree)
+    home = getattr(scene, "lattice", scene)
+    if isinstance(home, Lattice) and home.wall is not None:
+        return predict_beside_wall(
+            parse_kernel(kernel),
+            operator,
+            home.kind,
+            home.dx_over_h,
+            home.offset,
+            home.wall,
+            sigma=getattr(scene, "sigma", 0.0),
+            distribution=getattr(scene, "distribution", "gaussian"),
+            degree=degree,
+        )
     lattice, sigma, distribution = rule(scene)
     return predict(
         parse_kernel(kernel),
@@ -70,17 +79,6 @@ def predict_moments(
         volume=lattice.volume,
         degree=degree,
     )
-
-
-def _beside_wall(
-    scene: Lattice, wall: Wall, kernel: Kernel, operator: Operator, degree: int
-) -> Prediction:
-    """The exact moments on a lattice that a wall cuts."""
-    values = wall_lattice_moments(
-        kernel, operator, scene.kind, scene.dx_over_h, scene.offset, degree, wall, exact=False
-    )
-    mean = {alpha: float(m) for alpha, m in values.items()}
-    return Prediction(mean, dict.fromkeys(mean, 0.0), "lattice sum on one side of a wall")
 
 
 @dataclass(frozen=True)
