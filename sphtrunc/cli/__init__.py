@@ -18,6 +18,7 @@ COMMANDS = {
     "kernels": "The catalogue of kernels and their constants.",
     "sweep": "Measure every combination of lists of options, resumably.",
     "tune": "Which h and Δx to take, and what limits the error.",
+    "wall": "What every remedy leaves of the error near a wall.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",

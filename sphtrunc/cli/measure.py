@@ -39,6 +39,10 @@ from sphtrunc.output import emit
     type=click.Choice(("gather", "scatter", "mean")),
     help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
 )
+@options.wall_number
+@options.wall_at
+@options.wall_weight
+@options.ghosts
 @click.option("--particles", metavar="FILE", help="Particles from .npz, .csv or .npy instead.")
 @click.option("--h", "length", metavar="H", help="Smoothing length, if the file has none.")
 @click.option("--period", metavar="L", help="Side of a periodic box, L or Lx,Ly,Lz.")
@@ -74,6 +78,8 @@ def command(**given: Any) -> int:
     sphtrunc measure --kernel wendland-c2 --dim 3 --dx-over-h 0.6 --jitter 0.2 \\
                      --correction csph --form difference --h-over-lambda 0.02 --rtol 0.01
     sphtrunc measure --kernel cubic-spline --particles snapshot.npz --field values
+    sphtrunc measure --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way \\
+                     --ghosts mirror
     """
     from sphtrunc.experiment.measuring import measure
 
@@ -122,7 +128,7 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
     from sphtrunc.scenes.lattice import lattice
 
     if given["particles"] is not None:
-        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset", "h_gradient"):
+        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset", "h_gradient", "wall"):
             if given[name] not in (None, "0"):
                 option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
@@ -141,6 +147,18 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
         volume=given["volume"] or "constant",
         extent=given["extent"],
     )
+    if given["wall"] is not None:
+        from sphtrunc.scenes.lattice import beside_wall
+
+        made = beside_wall(
+            made,
+            given["wall"],
+            at=given["wall_at"],
+            ghosts=given["ghosts"],
+            weight=given["wall_weight"],
+        )
+    elif given["wall_at"] or given["wall_weight"] or given["ghosts"] != "none":
+        raise ValueError("wall-at, wall-weight, ghosts: belong to a wall; expected --wall η as well")
     if given["jitter"] is None:
         if given["volume"] == "cell":
             raise ValueError("volume: cells of a lattice are Δx^d; expected constant, or --jitter")
