@@ -87,7 +87,7 @@ class StructureFactor:
     home, damping: lattice, and G (d, B) -> strength of its Bragg peaks; None where there are none
     k, S: (d, M) and (M,), modes of a box, one of k and −k; pairs: (M,) see `Nodes`
     particles: N; reach: kΔx up to which S is measured; own: ⟨w²⟩, what S tends to beyond
-    fill: volume of the particles over that of the box
+    fill: volume of the particles over that of the box; box: its sides, (d,) in Δx
     blur: of a free set, the resolution in k along each axis, in 1/Δx; None in a box
     """
 
@@ -104,6 +104,7 @@ class StructureFactor:
     reach: float = 0.0
     own: float = 1.0
     fill: float = 1.0
+    box: Array | None = None
     blur: Array | None = None
 
     def __call__(self, k: Array) -> Array:
@@ -138,6 +139,12 @@ class StructureFactor:
                 " only; expected a periodic box"
             )
         assert self.k is not None and self.S is not None and self.pairs is not None
+        assert self.box is not None
+        if 2 * extent > float(self.box.min()):
+            raise ValueError(
+                f"period: the shortest side is {float(self.box.min()):.3g} Δx, expected more than"
+                f" twice the support, {2 * extent:.3g} Δx: a particle would meet its own image"
+            )
         k, weight = _quadrature(self.dim, self.reach, max(reach, self.reach), extent, True)
         more = np.ones(k.shape[1])
         return Nodes(
@@ -467,6 +474,7 @@ def measured(
         pairs=(rho * seen.conj()).real / count,
         particles=count,
         reach=top,
+        box=period / spacing,
         own=float((weights**2).mean()),
         fill=1.0 if volumes is None else float(volumes.sum() / np.prod(period)),
     )
