@@ -29,31 +29,35 @@ long waves out of it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from math import inf, prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.disorder import Prediction
-from sphtrunc.kernel import dimension
-from sphtrunc.moments import MultiIndex, add
-from sphtrunc.operators import BROOKSHAW, FATEHI_MANZARI, NESTED, PAIRED, Key, Operator
-from sphtrunc.poisson import Symbol, _derivatives, symbol
-from sphtrunc.response import Split, floor
-from sphtrunc.signals import Signals, Waves
-from sphtrunc.spectrum import radial
-from sphtrunc.stencil import Dual, dual_coefficients, dual_solve
+from sphtrunc.arithmetic.dual import Dual, dual_solve
+from sphtrunc.kernels.arguments import dimension
+from sphtrunc.kernels.transform import kernel_scale, radial
+from sphtrunc.operators.moments import MultiIndex, add
+from sphtrunc.operators.operator import NESTED, PAIRED, Operator
+from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.theory.disorder.prediction import Prediction
+from sphtrunc.theory.disorder.sensitivities import dual_coefficients
+from sphtrunc.theory.field_error import Split, floor
+from sphtrunc.theory.fields import Signals, Waves
+from sphtrunc.theory.reciprocal_sums import Symbol, monomial_derivatives, symbol
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sphtrunc.gaussian import Gaussian
-    from sphtrunc.kernel import Kernel
-    from sphtrunc.structure_factor import Nodes, StructureFactor
+    from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.theory.disorder.structure_factor import Nodes, StructureFactor
 
     Array = NDArray[np.float64]
 
-FARTHEST = 160.0  # of k in 1/h times the support (at most 3), up to which transforms are integrated
+FARTHEST = 100.0  # of k in 1/h times the support (at most 3), up to which transforms are integrated
+STEP = 0.04  # of the table of a transform, in units of one over the support
 BLOCK = 1 << 16  # nodes at a time
 PLACES = ("random", "particles")
 VOLUMES = ("constant", "summation")
@@ -99,7 +103,7 @@ def predict_from(
         how += f"; {AT_PARTICLES}"
     if volume == "summation":
         how += "; volumes to first order"
-    return Prediction(mean, std, how)
+    return Prediction(None, None, mean, std, how)
 
 
 def predict_errors_from(
@@ -125,7 +129,9 @@ def predict_errors_from(
     keys = [] if operator.uncorrected else operator.needed(sums.dim, 0)
     rows = dual_coefficients(operator, sums.duals(keys), sums.dim)
     adds_own = operator.derivatives == 0 and operator.uses_difference
-    targets = [_complex(sum(signals.derivative(mu) for mu in row)) for row in operator.components(sums.dim)]
+    targets = [
+        _complex(sum(signals.derivative(mu) for mu in row)) for row in operator.components(sums.dim)
+    ]
     limits = [_complex(row) for row in np.moveaxis(signals.limit(kernel, operator), 1, 0)]
     neighbours = max(2, int(sums.neighbours))
     result = []
@@ -207,14 +213,14 @@ class _Sums:
         self.S, self.pairs, self.strength = nodes.S, nodes.pairs, nodes.strength
         self.neighbours = _ball(self.dim) * (support / ratio) ** self.dim
         if self.smoothed:
-            rise = 1.0 - radial(kernel, self._length(self.k), self.dim)
+            rise = 1.0 - interpolated(kernel, self._length(self.k), self.dim, 0)
             smooth = 1.0 - rise
             # ⟨V_b⟩/Δx^d, to the order that S knows: δV/V = −(δ∗W)/n at a particle
             self.fill *= 1.0 - float((self.weight * smooth * rise * self.S).sum())
             self.filter: Array | None = rise**2
             self.edge: Array | None = None
             if self.bragg.size:
-                self.edge = (1.0 - radial(kernel, self._length(self.bragg), self.dim)) ** 2
+                self.edge = (1.0 - interpolated(kernel, self._length(self.bragg), self.dim, 0)) ** 2
         else:
             self.filter = self.edge = None
 
@@ -233,13 +239,11 @@ class _Sums:
         zero = np.zeros((self.dim, 1))
         total = complex(self._at(terms, zero)[0]) * self.fill
         if self.at == "particles":
-            for k, weight in (
-                (self.k, self.weight * self.pairs),
-                (self.bragg, self.strength),
-            ):
-                for sign in (1.0, -1.0):
+            for k, weight in ((self.k, self.weight * self.pairs), (self.bragg, self.strength)):
+                for share, sign in self._signs(terms):
                     for part, value in self._blocks(terms, sign * k):
-                        total += 0.5 * self.fill * complex((weight[part] * value).sum())
+                        found = complex((weight[part] * value).sum()) * share * self.fill
+                        total += found if share < 1.0 else found.real
         return total
 
     def variance(self, terms: Terms, flat: bool = False) -> float:
@@ -249,15 +253,19 @@ class _Sums:
         if self.filter is not None:
             S = S * self.filter
         peaks = self.strength if self.edge is None else self.strength * self.edge
-        everywhere = any(q is not None for q in terms)
         bragg = self.at == "random" and not flat
         for k, weight in ((self.k, self.weight * S), *([(self.bragg, peaks)] if bragg else [])):
-            for sign in (1.0, -1.0) if everywhere else (1.0,):
-                share = 0.5 if everywhere else 1.0
+            for share, sign in self._signs(terms):
                 for part, value in self._blocks(terms, sign * k):
                     square = value.real**2 + value.imag**2
                     total += share * float((weight[part] * square).sum())
         return total * self.fill**2
+
+    @staticmethod
+    def _signs(terms: Terms) -> list[tuple[float, float]]:
+        """Share and sign of k: where ψ is real, ψ̂(−k) is the conjugate of ψ̂(k)."""
+        shifted = any(q is not None for q in terms)
+        return [(0.5, 1.0), (0.5, -1.0)] if shifted else [(1.0, 1.0)]
 
     def _blocks(self, terms: Terms, k: Array) -> Iterator[tuple[slice, Any]]:
         for first in range(0, k.shape[1], BLOCK):
@@ -276,10 +284,10 @@ class _Sums:
 def evaluate(kernel: Kernel | Gaussian, table: Symbol, k: Array) -> Any:
     """Σ c k^γ Φ_m(|k|) at k (d, M) in 1/h, complex (M,)."""
     dim = k.shape[0]
-    length, place = np.unique(np.sqrt((k * k).sum(axis=0)), return_inverse=True)
+    length = np.sqrt((k * k).sum(axis=0))
     real, imaginary = np.zeros(k.shape[1]), np.zeros(k.shape[1])
     for m in {m for _, m in table}:
-        f = radial(kernel, length, dim, m)[place]
+        f = interpolated(kernel, length, dim, m)
         polynomial: dict[bool, Any] = {}
         for (gamma, order), c in table.items():
             if order != m:
@@ -293,6 +301,29 @@ def evaluate(kernel: Kernel | Gaussian, table: Symbol, k: Array) -> Any:
         real += polynomial.get(False, 0.0) * f
         imaginary += polynomial.get(True, 0.0) * f
     return real + 1j * imaginary
+
+
+def interpolated(kernel: Kernel | Gaussian, k: Array, dim: int, m: int) -> Array:
+    """Φ_m(|k|), by cubic Hermite interpolation in a table: to about 1e-8 of its envelope."""
+    step = STEP / kernel_scale(kernel)
+    values, slopes = _tabulated(kernel, dim, m), _tabulated(kernel, dim, m + 1)
+    at = k / step
+    i = np.minimum(at.astype(np.int64), values.size - 2)
+    t = at - i
+    if k.size and float(at.max()) > values.size - 1:
+        return radial(kernel, k, dim, m)
+    rest, square = 1.0 - t, step * step  # Φ_m′ = −k Φ_{m+1}
+    low = values[i] * (1.0 + 2.0 * t) - square * i * slopes[i] * t
+    high = values[i + 1] * (3.0 - 2.0 * t) + square * (i + 1) * slopes[i + 1] * rest
+    return np.asarray(rest * rest * low + t * t * high)
+
+
+@lru_cache(maxsize=64)
+def _tabulated(kernel: Kernel | Gaussian, dim: int, m: int) -> Array:
+    """Φ_m at multiples of the step."""
+    support = kernel_scale(kernel)
+    step = STEP / support
+    return radial(kernel, step * np.arange(int(1.3 * FARTHEST / min(support, 3.0) / step)), dim, m)
 
 
 def _waves(rows: Iterable[tuple[complex, Key, Seen]], terms: Terms | None = None) -> Terms:
@@ -317,7 +348,7 @@ def _table(key: Key) -> Symbol:
     if term == BROOKSHAW:  # of −Ŵ′/q it is Φ_{−1}
         return {
             (gamma, m - 1): 1j ** (sum(alpha) % 4) * c
-            for (gamma, m), c in _derivatives(alpha).items()
+            for (gamma, m), c in monomial_derivatives(alpha).items()
         }
     return symbol(term, alpha)
 

@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.box_modes import amplitudes, half_space, tapered
-from sphtrunc.kernel import dimension
-from sphtrunc.lattice import KINDS, units
-from sphtrunc.moments import MultiIndex
+from sphtrunc.kernels.arguments import dimension
+from sphtrunc.operators.moments import MultiIndex
+from sphtrunc.scenes.sites import KINDS, units
+from sphtrunc.theory.disorder.box_modes import amplitudes, half_space, tapered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -138,7 +138,9 @@ class StructureFactor:
                 "particles: a free set has no prediction, its structure factor is known smeared"
                 " only; expected a periodic box"
             )
-        assert self.k is not None and self.S is not None and self.pairs is not None
+        assert self.k is not None
+        assert self.S is not None
+        assert self.pairs is not None
         assert self.box is not None
         if 2 * extent > float(self.box.min()):
             raise ValueError(
@@ -242,9 +244,7 @@ class StructureFactor:
 
 def poisson(dim: int) -> StructureFactor:
     """Independent particles: S = 1."""
-    return StructureFactor(
-        dimension(dim), "Poisson process", law=lambda k: np.ones(np.shape(k)[1])
-    )
+    return StructureFactor(dimension(dim), "Poisson process", law=lambda k: np.ones(np.shape(k)[1]))
 
 
 def displaced(kind: str, sigma: float, distribution: str = "gaussian") -> StructureFactor:
@@ -270,9 +270,7 @@ def displaced(kind: str, sigma: float, distribution: str = "gaussian") -> Struct
 
         return _crystal(dim, by, lambda k: 1.0 - still(k), dim == 1, kind, still)
     if distribution != "blue":
-        raise ValueError(
-            f"distribution: got {distribution!r}, expected gaussian, uniform or blue"
-        )
+        raise ValueError(f"distribution: got {distribution!r}, expected gaussian, uniform or blue")
     steps = _lattice(kind).nearest
     if not steps:
         raise ValueError(f"distribution: blue needs the same neighbours everywhere, not {kind}")
@@ -334,13 +332,13 @@ def _crystal(
     kind: str,
     damping: Callable[[Array], Array],
 ) -> StructureFactor:
-    from sphtrunc.poisson import _reciprocal
+    from sphtrunc.theory.reciprocal_sums import reciprocal_vectors
 
     def strength(g: Array) -> Array:
         """e^{−…}, and what the cell of the lattice lets through."""
         if _lattice(kind).turned is None:
             return damping(g)
-        vectors, _, _, weight = _reciprocal(kind, _shells_upto(kind, float(np.abs(g).max())))
+        vectors, _, _, weight = reciprocal_vectors(kind, _shells_upto(kind, float(np.abs(g).max())))
         known = {tuple(np.round(v, 6)): abs(w) ** 2 for v, w in zip(vectors, weight, strict=True)}
         return damping(g) * np.array([known[tuple(np.round(v, 6))] for v in g.T])
 
@@ -356,19 +354,19 @@ def _lattice(kind: str) -> Any:
 @lru_cache(maxsize=32)
 def _shells_upto(kind: str, reach: float) -> int:
     """How many shells of the reciprocal lattice hold all vectors up to this length in 1/Δx."""
-    from sphtrunc.poisson import _reciprocal
+    from sphtrunc.theory.reciprocal_sums import reciprocal_vectors
 
     shells = 8
-    while _reciprocal(kind, shells)[1][-1] < 1.8 * reach:
+    while reciprocal_vectors(kind, shells)[1][-1] < 1.8 * reach:
         shells *= 2
     return shells
 
 
 def _reciprocal_half(kind: str, reach: float) -> Array:
     """Reciprocal vectors G ≠ 0 up to this length, (d, B), one of G and −G."""
-    from sphtrunc.poisson import _reciprocal
+    from sphtrunc.theory.reciprocal_sums import reciprocal_vectors
 
-    g = _reciprocal(kind, _shells_upto(kind, reach))[0].T
+    g = reciprocal_vectors(kind, _shells_upto(kind, reach))[0].T
     g = g[:, (g * g).sum(axis=0) <= reach**2]
     leading = np.zeros(g.shape[1])
     for row in g:
@@ -406,9 +404,7 @@ def _directions(dim: int, n: int) -> tuple[Array, Array]:
     z, w = z[n // 2 :], 2 * w[n // 2 :]  # n even: the upper half
     phi = (np.arange(2 * n) + 0.5) * pi / n
     s = np.sqrt(1 - z * z)
-    e = np.stack(
-        [np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(2 * n))]
-    )
+    e = np.stack([np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(2 * n))])
     return e.reshape(3, -1), np.outer(w, np.full(2 * n, pi / n)).ravel()
 
 

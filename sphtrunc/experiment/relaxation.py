@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sphtrunc.engine import pair_sums
-from sphtrunc.moments import unit
-from sphtrunc.parse import kernel as parse_kernel
-from sphtrunc.particles import particles
-from sphtrunc.relaxed import Recipe
-from sphtrunc.summation import Array, total
+from sphtrunc.arithmetic.summation import Array, total
+from sphtrunc.experiment.engine import pair_sums
+from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.operators.moments import unit
+from sphtrunc.scenes.particles import particles
+from sphtrunc.scenes.relaxed import Recipe
 
 if TYPE_CHECKING:
-    from sphtrunc.particles import Particles
+    from sphtrunc.scenes.particles import Particles
 
 FARTHEST = 0.2  # of a particle in one step, in Δx
 GROWTH = 2.0  # of a step over the last one

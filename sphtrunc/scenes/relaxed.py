@@ -1,5 +1,5 @@
-"""Recipes of relaxed particles: periodic glasses, of which only the start is made here; `relaxation`
-lets the particles move apart.
+"""Recipes of relaxed particles: periodic glasses, of which only the start is made here; an
+experiment lets the particles move apart.
 
 Lengths are in Δx, Δx^d = volume of the box over the number of particles.
 """
@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc import jitter
-from sphtrunc.scene import exact
-from sphtrunc.summation import Array
+from sphtrunc.arithmetic.rational import exact
+from sphtrunc.arithmetic.summation import Array
+from sphtrunc.scenes import random_numbers as jitter
 
 if TYPE_CHECKING:
-    from sphtrunc.particles import Particles
+    pass
 
 REPULSION = "pos(1-q)^2"  # whose gradient is a force that falls linearly, to nothing at q = 1
 RANGE = 1.6  # of that force, in Δx
