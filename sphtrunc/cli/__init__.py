@@ -19,6 +19,8 @@ COMMANDS = {
     "tune": "Which h and Δx to take, and what limits the error.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
+    "structure": "The structure factor of particles: how they are disordered.",
+    "relax": "Particles that have moved apart: periodic glasses.",
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",

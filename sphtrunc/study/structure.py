@@ -45,15 +45,25 @@ def structure_factor(scene: Scene | Probes, *, reach: float | None = None) -> St
     return measured(scene.x, scene.period, reach=reach)
 
 
-def _weighted(scene: Particles | Probes, kernel: Kernel) -> tuple[StructureFactor, float, str]:
-    """S of what the particles fill, with their volumes; Δx/h; and where the targets are.
+def by_structure(scene: Scene | Probes) -> bool:
+    """Predictions for the scene rest on its structure factor: explicit particles, and points of
+    space anywhere among those of a lattice."""
+    return isinstance(scene, (Particles, Probes)) or getattr(scene, "anywhere", False)
 
-    Volumes by summation are the ones that they have, so that nothing is to first order in them.
+
+def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, Any]]:
+    """S, and Δx/h, the rule for volumes and where the targets are, as the law takes them.
+
+    For explicit particles S is that of what they fill, with the volumes that they have, by
+    summation too: nothing is to first order in them then.
 
     Raises ValueError where there is no theory.
     """
+    if isinstance(scene, Jittered):
+        ratio, volume = float(scene.lattice.dx_over_h), scene.volume
+        return structure_factor(scene), {"dx_over_h": ratio, "volume": volume, "at": "random"}
     at = "random" if isinstance(scene, Probes) else "particles"
-    home = scene.home if isinstance(scene, Probes) else scene
+    home: Particles = getattr(scene, "home", scene)
     if home.period is None:
         raise ValueError(
             "scene: there is no theory for explicit particles without a periodic box; expected a"
@@ -63,29 +73,31 @@ def _weighted(scene: Particles | Probes, kernel: Kernel) -> tuple[StructureFacto
         raise ValueError(
             "scene: there is no theory for explicit particles that differ in h; expected one h"
         )
-    name = f"structure factor {kernel!r}" if home.given is None else "structure factor"
-    if name not in home._trees:
-        home._trees[name] = measured(home.x, home.period, volumes=volumes(home, kernel))
+    known = home._trees
+    name = "structure factor"
+    if name not in known or (home.given is None and known.get(f"{name} for") != kernel):
+        known[f"{name} for"] = kernel
+        known[name] = measured(home.x, home.period, volumes=volumes(home, kernel))
     spacing = float(np.prod(home.period) / home.population) ** (1.0 / home.dim)
-    return home._trees[name], spacing / float(home.h[0]), at
+    return known[name], {"dx_over_h": spacing / float(home.h[0]), "at": at}
 
 
-def predict_explicit(
-    scene: Particles | Probes, kernel: Kernel | str, operator: Operator, degree: int = 3
+def predict_by_structure(
+    scene: Scene | Probes, kernel: Kernel | str, operator: Operator, degree: int = 3
 ) -> Prediction:
-    """Predicted mean and standard deviation of the moments of the first component, for all points
-    of the box, or for its particles.
+    """Predicted mean and standard deviation of the moments of the first component, over all points
+    of space, or over the particles.
 
     Raises ValueError where there is no theory: no box, unequal h, a form that the structure factor
     does not cover.
     """
     shape = parse_kernel(kernel)
-    factor, ratio, at = _weighted(scene, shape)
-    return predict_from(shape, operator, factor, ratio, at=at, degree=degree)
+    factor, options = _described(scene, shape)
+    return predict_from(shape, operator, factor, degree=degree, **options)
 
 
-def predict_explicit_errors(
-    scene: Particles | Probes,
+def errors_by_structure(
+    scene: Scene | Probes,
     kernel: Kernel | str,
     operator: Operator,
     signals: Signals,
@@ -93,7 +105,7 @@ def predict_explicit_errors(
 ) -> list[Split]:
     """The predicted error for each of K signals, likewise."""
     shape: Any = parse_kernel(kernel)
-    factor, ratio, at = _weighted(scene, shape)
+    factor, options = _described(scene, shape)
     return predict_errors_from(
-        shape, operator, factor, ratio, signals, at=at, precision=precision
+        shape, operator, factor, signals=signals, precision=precision, **options
     )

@@ -56,7 +56,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FARTHEST = 100.0  # of k in 1/h times the support (at most 3), up to which transforms are integrated
+FARTHEST = {1: 320.0, 2: 100.0, 3: 160.0}  # of k in 1/h times the support (at most 3), up to which
+# transforms are integrated
 STEP = 0.04  # of the table of a transform, in units of one over the support
 BLOCK = 1 << 16  # nodes at a time
 PLACES = ("random", "particles")
@@ -206,7 +207,7 @@ class _Sums:
         self.kernel, self.dim, self.at, self.fill = kernel, factor.dim, at, factor.fill
         self.smoothed = volume == "summation"
         support = float(kernel.support)
-        farthest = FARTHEST / min(support, 3.0)
+        farthest = FARTHEST[self.dim] / min(support, 3.0)
         nodes: Nodes = factor.nodes(farthest * ratio, support / ratio)
         self.k, self.bragg = nodes.k / ratio, nodes.bragg / ratio
         self.weight = nodes.weight
@@ -323,7 +324,9 @@ def _tabulated(kernel: Kernel | Gaussian, dim: int, m: int) -> Array:
     """Φ_m at multiples of the step."""
     support = kernel_scale(kernel)
     step = STEP / support
-    return radial(kernel, step * np.arange(int(1.3 * FARTHEST / min(support, 3.0) / step)), dim, m)
+    return radial(
+        kernel, step * np.arange(int(1.3 * FARTHEST[dim] / min(support, 3.0) / step)), dim, m
+    )
 
 
 def _waves(rows: Iterable[tuple[complex, Key, Seen]], terms: Terms | None = None) -> Terms:
