@@ -9,14 +9,15 @@ from typing import Any
 
 import click
 
-from sphtrunc.cli import options
 from sphtrunc.output import emit, write_atomically
 from sphtrunc.version import __version__
 
 
 @click.command(name="relax")
 @click.option("--number", "-n", "count", type=int, required=True, metavar="N", help="Particles.")
-@options.dim
+@click.option(
+    "--dim", type=click.IntRange(1, 3), default=2, show_default=True, help="Dimension."
+)
 @click.option(
     "--kernel",
     "-k",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import factorial, prod, sqrt
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -227,7 +228,7 @@ def beside_text(prediction: Mapping[str, Any]) -> str:
         lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
     rows = prediction.get("moments")
     if rows:
-        lines.append(f"Predicted moments ({prediction['how']})")
+        lines += wrap(f"Predicted moments ({prediction['how']})", 100, subsequent_indent="  ")
         lines.append("                        mean               std    measured/predicted std")
         for name, row in rows.items():
             ratio = "" if row["std_ratio"] is None else f"{row['std_ratio']:>22.4f}"

@@ -93,10 +93,11 @@ def predict_from(
     moments = operator.correct(sums.duals(keys), factor.dim, degree, axis, dual_solve)
     mean, std = {}, {}
     for alpha, moment in moments.items():
-        known = not isinstance(moment, Dual)
-        mean[alpha] = float(moment if known else moment.value)
-        std[alpha] = 0.0
-        if not known:
+        if not isinstance(moment, Dual) or sum(alpha) <= operator.consistency:
+            # the same on any arrangement
+            mean[alpha], std[alpha] = float(operator.target(factor.dim, axis).get(alpha, 0)), 0.0
+        else:
+            mean[alpha] = float(moment.value)
             rows = zip(moment.slope, keys, strict=True)
             std[alpha] = sums.variance(_waves((c, key, _ALONE) for c, key in rows)) ** 0.5
     how = f"structure factor, {factor.by}"
@@ -324,9 +325,8 @@ def _tabulated(kernel: Kernel | Gaussian, dim: int, m: int) -> Array:
     """Φ_m at multiples of the step."""
     support = kernel_scale(kernel)
     step = STEP / support
-    return radial(
-        kernel, step * np.arange(int(1.3 * FARTHEST[dim] / min(support, 3.0) / step)), dim, m
-    )
+    count = int(1.3 * FARTHEST[dim] / min(support, 3.0) / step)
+    return radial(kernel, step * np.arange(count), dim, m)
 
 
 def _waves(rows: Iterable[tuple[complex, Key, Seen]], terms: Terms | None = None) -> Terms:

@@ -456,6 +456,12 @@ def measured(
         return StructureFactor(
             dim, by, k=k * spacing, S=S, particles=count, reach=top, blur=blur * spacing
         )
+    if np.any(np.ptp(x, axis=1) > 1.05 * period):
+        wide = ", ".join(f"{v:.6g}" for v in np.ptp(x, axis=1))
+        raise ValueError(
+            f"period: got {period.tolist()}, and the particles extend over {wide}; expected a box"
+            " that holds them once"
+        )
     n = half_space(period, top / spacing)
     if n.shape[1] < 3:
         raise ValueError(f"reach: no modes of the box up to kΔx = {top:g}, expected a larger one")
