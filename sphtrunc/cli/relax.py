@@ -15,9 +15,7 @@ from sphtrunc.version import __version__
 
 @click.command(name="relax")
 @click.option("--number", "-n", "count", type=int, required=True, metavar="N", help="Particles.")
-@click.option(
-    "--dim", type=click.IntRange(1, 3), default=2, show_default=True, help="Dimension."
-)
+@click.option("--dim", type=click.IntRange(1, 3), default=2, show_default=True, help="Dimension.")
 @click.option(
     "--kernel",
     "-k",
