@@ -17,7 +17,6 @@ import numpy as np
 
 from sphtrunc.arithmetic.summation import Array, total
 from sphtrunc.experiment.engine import pair_sums
-from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import unit
 from sphtrunc.scenes.particles import particles
 from sphtrunc.scenes.relaxed import Recipe
@@ -59,6 +58,8 @@ def relax(
 
     Raises ValueError for an unknown kernel, and a box smaller than two supports.
     """
+    from sphtrunc.kernels.parse import kernel as parse_kernel
+
     shape = parse_kernel(recipe.shape)
     keys = [(unit(recipe.dim, axis), (0,) * recipe.dim) for axis in range(recipe.dim)]
 
@@ -120,6 +121,8 @@ def regularity(scene: Particles, kernel: str) -> dict[str, float]:
     Raises ValueError for particles without a box.
     """
     from scipy.spatial import cKDTree
+
+    from sphtrunc.kernels.parse import kernel as parse_kernel
 
     if scene.period is None:
         raise ValueError("particles: expected a periodic box")

@@ -21,7 +21,12 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
-from sphtrunc.study.structure import by_structure, errors_by_structure, predict_by_structure
+from sphtrunc.study.structure import (
+    by_structure,
+    errors_by_structure,
+    predict_by_structure,
+    require_theory,
+)
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
@@ -149,6 +154,7 @@ def predict_error(
     Raises ValueError where there is no theory for the scene, and for fields of another kind.
     """
     kernel = parse_kernel(kernel)
+    require_theory(scene)
     signals: Signals
     if isinstance(field, Sinusoid):
         wave = field.wave()

@@ -62,8 +62,23 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
     if isinstance(scene, Jittered):
         ratio, volume = float(scene.lattice.dx_over_h), scene.volume
         return structure_factor(scene), {"dx_over_h": ratio, "volume": volume, "at": "random"}
+    require_theory(scene)
     at = "random" if isinstance(scene, Probes) else "particles"
     home: Particles = getattr(scene, "home", scene)
+    known = home._trees
+    name = "structure factor"
+    if name not in known or (home.given is None and known.get(f"{name} for") != kernel):
+        known[f"{name} for"] = kernel
+        known[name] = measured(home.x, home.period, volumes=volumes(home, kernel))
+    spacing = float(np.prod(home.period) / home.population) ** (1.0 / home.dim)
+    return known[name], {"dx_over_h": spacing / float(home.h[0]), "at": at}
+
+
+def require_theory(scene: Any) -> None:
+    """Raises ValueError for explicit particles without a box, or that differ in h."""
+    home = getattr(scene, "home", scene)
+    if not isinstance(home, Particles):
+        return
     if home.period is None:
         raise ValueError(
             "scene: there is no theory for explicit particles without a periodic box; expected a"
@@ -73,13 +88,6 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
         raise ValueError(
             "scene: there is no theory for explicit particles that differ in h; expected one h"
         )
-    known = home._trees
-    name = "structure factor"
-    if name not in known or (home.given is None and known.get(f"{name} for") != kernel):
-        known[f"{name} for"] = kernel
-        known[name] = measured(home.x, home.period, volumes=volumes(home, kernel))
-    spacing = float(np.prod(home.period) / home.population) ** (1.0 / home.dim)
-    return known[name], {"dx_over_h": spacing / float(home.h[0]), "at": at}
 
 
 def predict_by_structure(
