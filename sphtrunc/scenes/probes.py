@@ -75,9 +75,8 @@ class Probes:
                 h=np.concatenate([home.h, self.h]),
                 given=np.concatenate([given, np.zeros(more)]),
                 mass=np.concatenate([home.mass, np.ones(more)]),
-                _trees={},
+                _trees={"tree": home._tree()},  # so that only particles are found
             )
-            joint._tree()  # before threads ask for it
             self._cache["joint"] = joint
             self._cache["for"] = kernel
         found: Particles = self._cache["joint"]
@@ -87,16 +86,10 @@ class Probes:
         self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
         """All particles around the points, as `Particles.neighbourhood`."""
-        count = self.home.population
         block = self._joint(kernel).neighbourhood(
-            target + count, kernel, extended=extended, errors=errors
+            target + self.home.population, kernel, extended=extended, errors=errors
         )
-        assert block.particle is not None
-        probe = block.particle >= count
-        offset = block.offset.copy()
-        offset[0][probe] = 2.0 * float(kernel.support) + 1.0
-        particle = np.where(probe, -1, block.particle)
-        return replace(block, offset=offset, particle=particle, target=target)
+        return replace(block, target=target)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Raises ValueError: points at random are not exact numbers of anybody."""

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 FARTHEST = {1: 320.0, 2: 100.0, 3: 160.0}  # of k in 1/h times the support (at most 3), up to which
 # transforms are integrated
-STEP = 0.04  # of the table of a transform, in units of one over the support
+STEP = 0.2  # of the table of a transform, in units of one over the support
 BLOCK = 1 << 16  # nodes at a time
 PLACES = ("random", "particles")
 VOLUMES = ("constant", "summation")
@@ -131,18 +131,17 @@ def predict_errors_from(
     sums = _Sums(kernel, operator, factor, float(dx_over_h), at, volume)
     keys = [] if operator.uncorrected else operator.needed(sums.dim, 0)
     rows = dual_coefficients(operator, sums.duals(keys), sums.dim)
-    adds_own = operator.derivatives == 0 and operator.uses_difference
     targets = [
         _complex(sum(signals.derivative(mu) for mu in row)) for row in operator.components(sums.dim)
     ]
-    limits = [_complex(row) for row in np.moveaxis(signals.limit(kernel, operator), 1, 0)]
+    limits = np.moveaxis(signals.limit_error(kernel, operator), 1, 0)
     neighbours = max(2, int(sums.neighbours))
     result = []
     for i, scale in enumerate(1.0 / signals.size(operator.derivatives)):
         seen = _seen(operator, signals, i)
         smooth = error = apart = spread = rounded = 0.0
-        for part, target, limit in zip(rows, targets, limits, strict=True):
-            exact = 0.0 if adds_own else target[i]
+        for part, target, limit in zip(rows, targets, map(_complex, limits), strict=True):
+            exact = 0.0 if operator.adds_own else target[i]
             means = {key: sums.mean(_waves((c, key, seen) for c in (1.0,))) for key in part}
             mean = sum(x.value * means[key] for key, x in part.items())
             psi = _waves((x.value, key, seen) for key, x in part.items())
@@ -150,9 +149,9 @@ def predict_errors_from(
                 slopes = zip(np.atleast_1d(x.slope), keys, strict=False)
                 psi = _waves(((c * means[key], other, _ALONE) for c, other in slopes), psi)
             variance, noise = sums.variance(psi), sums.variance(psi, flat=True)
-            smooth += abs(limit[i] - exact) ** 2
+            smooth += abs(limit[i]) ** 2
             error += abs(mean - exact) ** 2
-            apart += abs(mean - limit[i]) ** 2
+            apart += abs(mean - exact - limit[i]) ** 2
             spread += variance
             rounding = floor(np.array(noise**0.5), np.array(abs(mean)), neighbours, precision)
             rounded += float(rounding) ** 2
@@ -173,7 +172,7 @@ _ALONE: Seen = [(1.0, None, None)]
 
 def _seen(operator: Operator, signals: Signals, i: int) -> Seen:
     """A signal as the form sees it, for equal densities."""
-    copies = -1.0 if operator.uses_difference else 1.0 if operator.form == "symmetric" else 0.0
+    copies = operator.copies - 1.0  # of the own value, beside those in A_b
     if isinstance(signals, Waves):
         wave = tuple(float(x) for x in signals.kappa[i] * signals.direction)
         seen: Seen = [(1.0, None, wave)]
@@ -307,18 +306,32 @@ def evaluate(kernel: Kernel | Gaussian, table: Symbol, k: Array) -> Any:
 
 
 def interpolated(kernel: Kernel | Gaussian, k: Array, dim: int, m: int) -> Array:
-    """Φ_m(|k|), by cubic Hermite interpolation in a table: to about 1e-8 of its envelope."""
-    step = STEP / kernel_scale(kernel)
-    values, slopes = _tabulated(kernel, dim, m), _tabulated(kernel, dim, m + 1)
-    at = k / step
-    i = np.minimum(at.astype(np.int64), values.size - 2)
-    t = at - i
-    if k.size and float(at.max()) > values.size - 1:
+    """Φ_m(|k|), by quintic Hermite interpolation in a table: to about 1e-8 of its envelope."""
+    table = _hermite(kernel, dim, m)
+    at = k * (kernel_scale(kernel) / STEP)
+    if k.size and float(at.max()) > table.shape[1] - 1:
         return radial(kernel, k, dim, m)
-    rest, square = 1.0 - t, step * step  # Φ_m′ = −k Φ_{m+1}
-    low = values[i] * (1.0 + 2.0 * t) - square * i * slopes[i] * t
-    high = values[i + 1] * (3.0 - 2.0 * t) + square * (i + 1) * slopes[i + 1] * rest
-    return np.asarray(rest * rest * low + t * t * high)
+    i = np.minimum(at.astype(np.int64), table.shape[1] - 2)
+    total = np.zeros_like(k)
+    for end, t in ((0, at - i), (1, 1.0 - (at - i))):
+        value, slope, curvature = table[:, i + end]
+        rest = (1.0 - t) ** 3
+        toward = -t if end else t
+        total += rest * (
+            value * (1.0 + t * (3.0 + 6.0 * t))
+            + toward * slope * (1.0 + 3.0 * t)
+            + 0.5 * t * t * curvature
+        )
+    return total
+
+
+@lru_cache(maxsize=64)
+def _hermite(kernel: Kernel | Gaussian, dim: int, m: int) -> Array:
+    """Φ_m, Φ_m′ = −k Φ_{m+1} and Φ_m″ at multiples of the step, in units of it, (3, n)."""
+    step = STEP / kernel_scale(kernel)
+    first, second, third = (_tabulated(kernel, dim, m + i) for i in range(3))
+    k = step * np.arange(first.size)
+    return np.stack([first, -step * k * second, step**2 * (k * k * third - second)])
 
 
 @lru_cache(maxsize=64)
