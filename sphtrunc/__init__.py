@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.particles import particles as particles
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
+    from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
 
@@ -52,6 +53,7 @@ _PUBLIC = {
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
     "sinusoid": "experiment.fields",
+    "structure_factor": "study.structure",
     "weights": "experiment.matrices",
 }
 

@@ -21,6 +21,8 @@ COMMANDS = {
     "wall": "What every remedy leaves of the error near a wall.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
+    "structure": "The structure factor of particles: how they are disordered.",
+    "relax": "Particles that have moved apart: periodic glasses.",
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",

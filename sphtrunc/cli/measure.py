@@ -43,7 +43,18 @@ from sphtrunc.output import emit
 @options.wall_at
 @options.wall_weight
 @options.ghosts
-@click.option("--particles", metavar="FILE", help="Particles from .npz, .csv or .npy instead.")
+@click.option(
+    "--particles",
+    metavar="FILE",
+    help="Particles from .npz, .csv or .npy instead, or relaxed:glass,N=4096 (see relax).",
+)
+@click.option(
+    "--at",
+    type=click.Choice(("particles", "random")),
+    default="particles",
+    show_default=True,
+    help="Targets: the particles, or points of space at random.",
+)
 @click.option("--h", "length", metavar="H", help="Smoothing length, if the file has none.")
 @click.option("--period", metavar="L", help="Side of a periodic box, L or Lx,Ly,Lz.")
 @click.option("--h-over-lambda", metavar="X", help="Apply it to sinusoids of wavelength λ.")
@@ -132,7 +143,8 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
             if given[name] not in (None, "0"):
                 option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
-        return _read(given)
+        home, values = _read(given)
+        return _between(given, home), values
     for name, option in (("length", "h"), ("period", "period")):
         if given[name] is not None:
             raise ValueError(f"{option}: belongs to --particles FILE; lattices have --dx-over-h")
@@ -159,6 +171,15 @@ def _scene(given: dict[str, Any]) -> tuple[Any, Any]:
         )
     elif given["wall_at"] or given["wall_weight"] or given["ghosts"] != "none":
         raise ValueError("wall-at, wall-weight, ghosts: belong to a wall; expected --wall η as well")
+    if given["at"] == "random":
+        if offset != "0":
+            raise ValueError("at: random points have every offset; expected no --offset with them")
+        if given["wall"] is not None or given["h_gradient"] is not None:
+            raise ValueError(
+                "at: random points go neither with --wall nor with --h-gradient; expected particles"
+            )
+        sigma = given["jitter"] or "0"
+        return jittered(made, sigma, given["distribution"], given["seed"], anywhere=True), None
     if given["jitter"] is None:
         if given["volume"] == "cell":
             raise ValueError("volume: cells of a lattice are Δx^d; expected constant, or --jitter")
@@ -179,12 +200,25 @@ def _with_lengths(given: dict[str, Any], scene: Any) -> Any:
     return sloped(scene, slope.split(",") if "," in slope else slope, given["h_rule"] or "scatter")
 
 
+def _between(given: dict[str, Any], home: Any) -> Any:
+    """The particles, or points between them."""
+    from sphtrunc.scenes.probes import POINTS, probes
+
+    if given["at"] == "particles":
+        return home
+    count = _targets(given["targets"])
+    given["targets"] = None
+    return probes(home, count if isinstance(count, int) else POINTS, given["seed"])
+
+
 def _read(given: dict[str, Any]) -> tuple[Any, Any]:
     """Particles from a file: .npy (x), .npz (x, h, volume, mass, density, values) or .csv with a
     header of x, y, z, h, volume, mass, density, values."""
     from sphtrunc.scenes.files import read
     from sphtrunc.scenes.particles import particles
 
+    if given["particles"].startswith("relaxed:"):
+        return _relaxed(given), None
     columns: dict[str, Any] = dict(read(given["particles"]))
     values = columns.pop("values", None)
     h = columns.pop("h", None)
@@ -195,8 +229,6 @@ def _read(given: dict[str, Any]) -> tuple[Any, Any]:
     if h is None:
         raise ValueError("h: the file has no smoothing length; expected --h H")
     if given["volume"] is not None:
-        if given["volume"] == "constant":
-            raise ValueError("volume: of explicit particles: cell, summation or from the file")
         columns = {"x": columns["x"], "volume": given["volume"]}
     period = None
     if given["period"] is not None:
@@ -204,8 +236,41 @@ def _read(given: dict[str, Any]) -> tuple[Any, Any]:
 
         sides = [float(exact(side, "period")) for side in given["period"].split(",")]
         period = sides if len(sides) > 1 else sides[0]
+    if given["volume"] == "constant":
+        columns["volume"] = _share(columns["x"], period)
     mode = given["h_rule"] or "gather"
     return particles(columns.pop("x"), h=h, period=period, mode=mode, **columns), values
+
+
+def _share(x: Any, period: Any) -> float:
+    """The volume of the box over the number of particles."""
+    import numpy as np
+
+    if period is None:
+        raise ValueError("volume: constant is that of the box over the number; expected a period")
+    n, dim = len(x), 1 if np.ndim(x) == 1 else np.shape(x)[1]
+    return float(np.prod(np.broadcast_to(period, (dim,)))) / n
+
+
+def _relaxed(given: dict[str, Any]) -> Any:
+    """A glass made by its recipe; lengths in Δx."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from sphtrunc.arithmetic.rational import exact
+    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.scenes.relaxed import recipe
+
+    if given["period"] is not None:
+        raise ValueError("period: a relaxed scene has its own box; expected no --period")
+    scene = glass(recipe(given["particles"])).particles
+    if given["length"] is not None:
+        h = float(exact(given["length"], "h"))
+        scene = replace(scene, h=np.full(scene.population, h), _trees={})
+    if given["volume"] in ("cell", "summation"):
+        scene = replace(scene, given=None, volume=given["volume"], _trees={})
+    return scene
 
 
 def _field(given: dict[str, Any], dim: int, values: Any) -> Any:

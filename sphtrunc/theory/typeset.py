@@ -268,7 +268,7 @@ def _scatter_text(d: Derivation) -> str:
     scatter = d.scatter
     assert scatter is not None
     lines = [
-        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}",
+        f"Moments of particles displaced by σ = {scatter.jitter or 0:g} Δx, {scatter.distribution}",
         *_wrapped([*scatter.how.split(" ")], "  by ", " "),
         "  k          mean                 standard deviation",
     ]
