@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 AXES = ("x", "y", "z")
 
-#: quantity: (components, 0 for any number of them; the names of its columns, as `simplified` writes them)
+#: quantity: (components, 0 for any number of them; the names of its columns, simplified)
 QUANTITIES: dict[str, tuple[int, tuple[str, ...]]] = {
     "position": (3, ("position", "positions", "pos", "posd", "coordinates", "coords", "points",
                      "xyz", "r", "x")),

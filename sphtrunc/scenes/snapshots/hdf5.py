@@ -46,11 +46,11 @@ class Group:
             raise ValueError(f"{name or '/'} has {len(group)} members, expected a snapshot")
 
     def __contains__(self, name: str) -> bool:
-        return name in self._group.keys()
+        return bool(name in self._group)
 
     def names(self) -> list[str]:
         """Of everything in the group."""
-        return [str(name) for name in self._group.keys()]
+        return [str(name) for name in self._group]
 
     def _member(self, name: str) -> Any:
         import h5py

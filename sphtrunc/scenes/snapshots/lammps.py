@@ -56,7 +56,7 @@ def read(path: Path, kind: str | None) -> Table:
             arrays[name] = values
     arrays, notes = _positions(arrays, box)
     _forces(arrays)
-    counts = None if kinds is None else dict(zip(labels, np.bincount(kinds).tolist()))
+    counts = None if kinds is None else dict(zip(labels, np.bincount(kinds).tolist(), strict=True))
     if kind is not None:
         if kind not in labels:
             raise ValueError(f"type: got {kind[:20]!r}, and there are {', '.join(labels)}")
@@ -81,7 +81,7 @@ def _sections(data: bytes) -> dict[str, tuple[list[str], bytes]]:
     """Section -> (the words after its name, what stands below it)."""
     found: dict[str, tuple[list[str], bytes]] = {}
     for part in data.split(SIGNATURE)[1:]:
-        head, newline, body = part.partition(b"\n")
+        head, _, body = part.partition(b"\n")
         line = head.decode("ascii", "replace").strip()
         for name in ("TIMESTEP", "NUMBER OF ATOMS", "BOX BOUNDS", "ATOMS"):
             if line == name or line.startswith(name + " "):

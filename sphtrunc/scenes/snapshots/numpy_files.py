@@ -43,8 +43,9 @@ def read_npz(path: Path, kind: str | None) -> Table:
                 if len(data) != entry.file_size:
                     raise ValueError(f"{entry.filename[:40]} has not the size that is stated")
                 members[entry.filename.removesuffix(".npy")] = data
+    # a password is a RuntimeError, an unknown packer a NotImplementedError
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
-        raise ValueError(f"damaged archive: {str(error)[:80]}") from None  # RuntimeError: a password
+        raise ValueError(f"damaged archive: {str(error)[:80]}") from None
     if {"particles", "solver_data"} <= members.keys():
         return pysph.npz(members, kind)
     _one_type(kind)

@@ -30,7 +30,11 @@ def read(path: Path, root: Group, kind: str | None) -> Table:
     """The particles of an HDF5 file."""
     header = root.group("header")
     told: dict[str, float] = {}
-    for name in ("hfact", "nparttot", *(f"{axis}{end}" for axis in "xyz" for end in ("min", "max"))):
+    for name in (
+        "hfact",
+        "nparttot",
+        *(f"{axis}{end}" for axis in "xyz" for end in ("min", "max")),
+    ):
         if name in header and header.shape(name) in ((), (1,)):
             told[name] = float(header.array(name).reshape(-1)[0])
     masses = header.array("massoftype") if "massoftype" in header else np.empty(0)
@@ -85,7 +89,8 @@ def table(
         raise ValueError("particles/itype: expected one number from 1 to 56 for each particle")
     notes = []
     dead = ~(np.asarray(arrays["h"], dtype=np.float64) > 0) & np.isfinite(arrays["h"])
-    counts = {TYPES.get(t, str(t)): int(c) for t, c in zip(*np.unique(types, return_counts=True))}
+    present, number = np.unique(types, return_counts=True)
+    counts = {TYPES.get(int(t), str(t)): int(c) for t, c in zip(present, number, strict=True)}
     keep = ~dead
     if np.any(dead):
         notes.append(f"{np.count_nonzero(dead)} dead or accreted particles (h ≤ 0) left out")
@@ -131,7 +136,7 @@ def table(
 
 
 def _code(identity: str) -> str:
-    """"FT:Phantom:1.2.1:gitsha …" or whatever the file calls itself."""
+    """ "FT:Phantom:1.2.1:gitsha …" or whatever the file calls itself."""
     parts = [part.strip() for part in identity.split(":")]
     if len(parts) > 2 and parts[1].lower().startswith("phantom"):
         return f"Phantom {parts[2]}"

@@ -155,7 +155,12 @@ class _Reader(pickle.Unpickler):
     """A pickle machine for which every name is `Plain`."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if module.split(".")[0] == "numpy" and name in ("_reconstruct", "ndarray", "dtype", "scalar"):
+        if module.split(".")[0] == "numpy" and name in (
+            "_reconstruct",
+            "ndarray",
+            "dtype",
+            "scalar",
+        ):
             return Plain
         if (module, name) == ("_codecs", "encode"):
             return _encoded

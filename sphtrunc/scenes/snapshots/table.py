@@ -28,7 +28,7 @@ class Box:
     periodic: NDArray[np.bool_]
 
 
-@dataclass(kw_only)
+@dataclass(kw_only=True)
 class Table:
     """What a reader found.
 
@@ -36,7 +36,6 @@ class Table:
     kinds: (n,) what kind of particle each is, an index into `names`; None where there is one kind
     names: of the kinds; counts: of all kinds in the file, those not read included
     walls: kinds that are boundary particles; ghosts: (n,) further particles that are no targets
-    single: whether positions were written in single precision
     kernel: as the header names it; h, mass: one number that the header gives for all
     """
 

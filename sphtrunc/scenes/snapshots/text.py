@@ -57,14 +57,12 @@ def read(path: Path, kind: str | None) -> Table:
         raise ValueError(f"{len(names):,} columns, expected a table of particles")
     Budget(path).take("the table", len(lines) * len(names), 8)
     rows = [_cells(line, separator) for _, line in lines]
-    for (number, line), row in zip(lines, rows, strict=True):
+    for (number, _), row in zip(lines, rows, strict=True):
         if len(row) != len(names):
             hint = ""
             if separator == "," and len(row) == 2 * len(names):
                 hint = "; a decimal comma? write 0.5 for 0,5"
-            raise ValueError(
-                f"line {number} has {len(row)} entries, expected {len(names)}{hint}"
-            )
+            raise ValueError(f"line {number} has {len(row)} entries, expected {len(names)}{hint}")
     table = _numbers(rows, lines, names)
     named = [name.strip() for name in names]
     if len({n for n in named if n}) < len([n for n in named if n]):
@@ -83,7 +81,10 @@ def _separator(line: str) -> str:
 def _cells(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    except csv.Error as error:
+        raise ValueError(f"a line of {len(line):,} letters: {error}") from None
 
 
 def _is_number(cell: str) -> bool:

@@ -145,7 +145,9 @@ class _Source:
                 raw = self._appended(whole(f"{name} offset", told.get("offset")), name)
             values = np.frombuffer(self._bytes(raw, name, count * width * dtype.itemsize), dtype)
         else:
-            raise ValueError(f"{name[:40]}: format {coding[:20]!r}; expected ascii, binary, appended")
+            raise ValueError(
+                f"{name[:40]}: format {coding[:20]!r}; expected ascii, binary, appended"
+            )
         return values.reshape(count, width) if width > 1 else values
 
     def _appended(self, offset: int, name: str) -> bytes:
