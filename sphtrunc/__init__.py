@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.jittered import jittered as jittered
     from sphtrunc.scenes.lattice import lattice as lattice
     from sphtrunc.scenes.particles import particles as particles
+    from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
     from sphtrunc.theory.derivation import Derivation as Derivation
@@ -52,6 +53,7 @@ _PUBLIC = {
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
     "sinusoid": "experiment.fields",
+    "snapshot": "scenes.snapshots.formats",
     "weights": "experiment.matrices",
 }
 

@@ -145,7 +145,7 @@ class Particles:
         self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), in the order of the particles."""
-        block = self._around(target, kernel, extended, errors)
+        block = self.around(target, kernel, extended, errors)
         particle, h = block.particle, self.h[target]
         assert particle is not None
         v_low = np.zeros(particle.shape)
@@ -175,10 +175,11 @@ class Particles:
             volume_error=(v_error + (self.dim + 3) * UNIT * v) * EDGE if errors else None,
         )
 
-    def _around(
-        self, target: Indices, kernel: Kernel, extended: bool, errors: bool
+    def around(
+        self, target: Indices, kernel: Kernel, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
-        """The neighbours without their volumes."""
+        """The neighbours of the targets without their volumes, whatever the kernel but its support:
+        (d, N, T) as `neighbourhood`."""
         lists = self._neighbours(target, kernel)
         counts = np.array([len(one) for one in lists], dtype=np.int64)
         flat = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(counts.sum()))
@@ -253,7 +254,7 @@ class Particles:
             volume, rest = np.empty((2, self.population))
             for first in range(0, self.population, 256):
                 target = np.arange(first, min(first + 256, self.population), dtype=np.int64)
-                block = self._around(target, kernel, extended, errors)
+                block = self.around(target, kernel, extended, errors)
                 assert block.particle is not None
                 mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
                 q, stretch = number.length(block.offsets(number)), block.stretches(number)

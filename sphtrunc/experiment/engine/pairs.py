@@ -15,6 +15,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.experiment.engine.bounds import Bounded, BoundedNumbers
 from sphtrunc.kernels.factors import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
@@ -233,6 +235,16 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         weighted[t.k, t.field] * monomial(t.beta) if any(t.beta) else weighted[t.k, t.field]
         for t in plan.terms
     ]
+
+
+def radial_factor(kernel: Kernel, dim: int, k: int, q: Any) -> Any:
+    """f_k of the kernel at distances q >= 0, arrays: what the engines sum, without a scene."""
+    from sphtrunc.experiment.engine.tree import ArrayNumbers
+
+    f = radial(kernel, dim, k)
+    squares = q * q
+    with np.errstate(divide="ignore", invalid="ignore"):  # at q = 0 under a pole: set to 0 there
+        return _radial(ArrayNumbers(), f, squares if f.even else q, squares)
 
 
 def _radial(number: Any, f: Radial, x: Any, squares: Any) -> Any:
