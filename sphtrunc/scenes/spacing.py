@@ -77,8 +77,7 @@ def spacing(x: Array, period: Array | None) -> Spacing:
     if not np.any(apart):
         return Spacing(nearest / unit, 0.0, 0.0, 0, count, first)
     median = float(np.median(nearest[apart]))
-    close = int(near.count_neighbors(near, 0.5 * median) - near.n) // 2
-    same = int(near.count_neighbors(near, rounding) - near.n) // 2
+    close, same = (len(near.query_pairs(r, output_type="ndarray")) for r in (median / 2, rounding))
     return Spacing(
         nearest=np.where(apart, nearest, 0.0) / unit,
         least=float(nearest[apart].min()) / unit,

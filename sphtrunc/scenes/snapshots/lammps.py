@@ -53,7 +53,9 @@ def read(path: Path, kind: str | None) -> Table:
             types, kinds = np.unique(values, return_inverse=True)
             labels = [f"{t:g}" for t in types]
         else:
-            arrays[name] = values
+            # a compute, a fix, a variable or a property of that name
+            plain = name[2:] if name[:2] in ("c_", "f_", "v_", "d_") else name
+            arrays[plain if plain not in names else name] = values
     arrays, notes = _positions(arrays, box)
     _forces(arrays)
     counts = None if kinds is None else dict(zip(labels, np.bincount(kinds).tolist(), strict=True))

@@ -185,8 +185,9 @@ class _Source:
                 raise ValueError(f"{name}: {size:,} bytes expected, {stated:,} stated")
             return raw[word : word + size]
         blocks, each, last = header(0, 3)
-        if blocks > len(raw) or (blocks and (each > size or last > size)):
-            raise ValueError(f"{name}: {blocks:,} blocks of {each:,} bytes: it is damaged")
+        stated = (blocks - 1) * each + (last or each) if blocks else 0
+        if stated != size or last > each:
+            raise ValueError(f"{name}: {blocks:,} blocks hold {stated:,} bytes, expected {size:,}")
         at, found = (3 + blocks) * word, []
         for i, packed in enumerate(header(3, blocks)):
             wanted = last if i == blocks - 1 and last else each
@@ -200,7 +201,4 @@ class _Source:
             if len(found[-1]) != wanted or not machine.eof:
                 raise ValueError(f"{name}: block {i + 1} is not {wanted:,} bytes")
             at += packed
-        whole_array = b"".join(found)
-        if len(whole_array) != size:
-            raise ValueError(f"{name}: {len(whole_array):,} bytes, expected {size:,}")
-        return whole_array
+        return b"".join(found)
