@@ -85,6 +85,8 @@ def _sections(data: bytes) -> dict[str, tuple[list[str], bytes]]:
     for part in data.split(SIGNATURE)[1:]:
         head, _, body = part.partition(b"\n")
         line = head.decode("ascii", "replace").strip()
+        if "ATOMS" in found:
+            raise ValueError(f"ITEM: {line[:40]} after the atoms of a frame: it is damaged")
         for name in ("TIMESTEP", "NUMBER OF ATOMS", "BOX BOUNDS", "ATOMS"):
             if line == name or line.startswith(name + " "):
                 found[name] = (line[len(name) :].split(), body)

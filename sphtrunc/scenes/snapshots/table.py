@@ -79,6 +79,6 @@ def whole(name: str, value: object, least: int = 0) -> int:
         count = int(number)
         if count != float(number) or count < least:
             raise ValueError
-    except (ValueError, TypeError, IndexError, OverflowError, UnicodeDecodeError):
+    except (ValueError, TypeError, AttributeError, IndexError, OverflowError):
         raise ValueError(f"{name}: got {str(value)[:40]}, expected a whole number") from None
     return count
