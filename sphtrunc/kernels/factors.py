@@ -1,11 +1,13 @@
 """Radial factors of a kernel: what is left of Ŵ and its derivatives when the offsets are taken out.
 
-    f₀ = Ŵ(q),   f₁ = Ŵ′/q,   f₂ = f₁′/q = (Ŵ″ − Ŵ′/q)/q²,   f₃ = Ŵ′/q³
+    f₀ = Ŵ(q),   f₁ = Ŵ′/q,   f₂ = f₁′/q = (Ŵ″ − Ŵ′/q)/q²,   f₃ = Ŵ′/q³,   f₄ = f₁
     ∂ᵢŴ = f₁ sᵢ,   ∂ᵢ∂ⱼŴ = f₁ δᵢⱼ + f₂ sᵢsⱼ
 
-so a sum over particles needs neither a direction nor, where the kernel is even in q, a square root:
-then the factors are polynomials in q². Each piece is p(x)/x^pole, p expanded exactly about an end
-of the piece at which it vanishes, else about the outer one, and rounded once.
+f₃ and f₄ leave the target itself out: they are 0 at q = 0, as is any factor with a pole there. A
+sum over particles needs neither a direction nor, where the kernel is even in q, a square root: then
+the factors are polynomials in q². Each piece is p(x)/x^pole, p expanded exactly about an end of the
+piece at which it vanishes, else about the outer one, and rounded once: theory, stencils, lattice
+sums and the pair engine all evaluate these, and no digit is lost at the edge of the support.
 """
 
 from __future__ import annotations
@@ -24,9 +26,8 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
 
-
 _DIGITS = 60
-VALUE, SLOPE, CURVATURE, STEEP = 0, 1, 2, 3  # k of f_k
+_STEPS = (0, 1, 2, 1, 1)  # how often D = (1/q) d/dq acts on Ŵ in f_k
 
 
 @dataclass(frozen=True)
@@ -52,22 +53,22 @@ class Piece:
 
 @dataclass(frozen=True)
 class Radial:
-    """f_k in x = q², if `even`, or x = q: pieces from the inside out, zero beyond the last."""
+    """A factor in x = q², if `even`, or x = q: pieces from the inside out, zero beyond the last."""
 
     even: bool
     pieces: tuple[Piece, ...]
 
 
 @lru_cache(maxsize=256)
-def radial(kernel: Kernel, dim: int, k: int) -> Radial:
-    """The radial factor f_k of the kernel in `dim` dimensions, σ_d included, as floats."""
+def radial(kernel: Kernel, dim: int, k: int, order: int = 0) -> Radial:
+    """D^order f_k of the kernel in `dim` dimensions, D = (1/q) d/dq, σ_d included, as floats."""
     from mpmath import mp, workdps
     from sympy import QQ, Poly, Rational
 
     from sphtrunc.kernels.piecewise import q, valuation
 
     even = all(not c or not n % 2 for piece in kernel.pieces for (n,), c in piece.terms())
-    laurent = [_laurent(piece, k) for piece in kernel.pieces]
+    laurent = [_laurent(piece, k, order) for piece in kernel.pieces]
     ends = [knot**2 if even else knot for knot in kernel.knots]
     if even:
         laurent = [(Poly(p.all_coeffs()[::2], q, domain=QQ), pole // 2) for p, pole in laurent]
@@ -107,20 +108,18 @@ def radial(kernel: Kernel, dim: int, k: int) -> Radial:
     return Radial(even, tuple(pieces))
 
 
-def _laurent(piece: Poly, k: int) -> tuple[Poly, int]:
-    """f_k of one piece as (p, pole), f_k = p(q)/q^pole, no common factor q."""
+def _laurent(piece: Poly, k: int, order: int) -> tuple[Poly, int]:
+    """D^order f_k of one piece as (p, pole), p(q)/q^pole, no common factor q."""
     from sympy import QQ, Poly
 
     from sphtrunc.kernels.piecewise import q
 
     x = Poly(q, q, domain=QQ)
-    slope = piece.diff()
-    p, pole = {
-        VALUE: (piece, 0),
-        SLOPE: (slope, 1),
-        CURVATURE: (x * slope.diff() - slope, 3),
-        STEEP: (slope, 3),
-    }[k]
+    p, pole = piece, 0
+    for step in range(_STEPS[k] + order):
+        p, pole = x * p.diff() - pole * p, pole + 2  # D(p/q^n) = (q p′ − n p)/q^{n+2}
+        if step == 0 and k == 3:
+            pole += 2
     while pole and not p.is_zero and p.eval(0) == 0:
         p, pole = p.quo(x), pole - 1
     return (p, pole) if not p.is_zero else (p, 0)
@@ -132,32 +131,109 @@ def _mp(value: Rational) -> Any:
     return mp.mpf(int(value.p)) / int(value.q)
 
 
+def evaluate(number: Any, f: Radial, x: Any, squares: Any) -> Any:
+    """The factor at x (q, or q² for an even kernel), the piece picked without a branch.
+
+    number: the functions of arrays or of lanes (`sphtrunc.arithmetic.arrays`); squares: |s|², 0 at
+    the target, where a factor with a pole is 0
+    """
+    value: Any = None
+    for piece in reversed(f.pieces):
+        inner = _piece(number, piece, x, squares)
+        if value is None and piece.vanishes:
+            value = inner
+            continue
+        value = number.pick(x, piece.end, inner, 0.0 if value is None else value, piece.mean)
+    return value
+
+
+def _piece(number: Any, piece: Piece, x: Any, squares: Any) -> Any:
+    """t^m Σ c_i t^i / x^pole."""
+    t = x
+    if piece.centre:
+        t = number.constant(piece.centre) - x
+        if piece.centre_low:
+            t = t + piece.centre_low
+        if piece.vanishes:
+            t = number.positive(t)
+    value: Any = None
+    for c, error in reversed(list(zip(piece.coefficients, piece.errors, strict=True))):
+        if value is None:
+            value = number.constant(c, error)
+        else:
+            value = value * t + number.constant(c, error) if c else value * t
+    value = number.constant(0.0) if value is None else value
+    if piece.power:
+        value = value * power(t, piece.power)
+    if piece.pole:
+        value = number.others(squares, value / power(x, piece.pole))
+    return value
+
+
+def power(t: Any, n: int) -> Any:
+    """t^n, n >= 1, by repeated squaring."""
+    result: Any = None
+    while n:
+        if n & 1:
+            result = t if result is None else result * t
+        n >>= 1
+        if n:
+            t = t * t
+    return result
+
+
+def factor_values(kernel: Kernel | Gaussian, k: int, q: Array, dim: int, order: int = 0) -> Array:
+    """D^order f_k at distances q, of any shape, in units of h^{−d}: D = (1/q) d/dq, σ_d included.
+
+    At a knot where it jumps, the mean of both sides; 0 beyond the support. At q = 0 Ŵ(0) and, for
+    f₁, Ŵ″(0), which is its limit where Ŵ′(0) = 0; 0 for everything else.
+    """
+    import numpy as np
+
+    from sphtrunc.arithmetic.arrays import ArrayNumbers
+    from sphtrunc.kernels.kernel import Kernel
+
+    away = q > 0
+    if isinstance(kernel, Kernel):
+        table = radial(kernel, dim, k, order)
+        x = np.where(away, q, 1.0)
+        squares = x * x
+        result = evaluate(ArrayNumbers(), table, squares if table.even else x, squares)
+        result = np.where(away, result, 0.0)
+    else:
+        result = np.zeros_like(q)
+        result[away] = kernel.radial_values(k, q[away], dim, order)
+    if k < 2 and not order and not away.all():
+        result[~away] = (kernel.w, kernel.d2w)[k](0.0, dim)
+    return np.asarray(result)
+
+
 Laurent = dict[int, Fraction]  # power of q -> coefficient
 
 
 @lru_cache(maxsize=512)
-def laurent(kernel: Kernel, name: str) -> tuple[Laurent, ...]:
-    """A radial function of the shape w (without σ_d), piece by piece."""
+def laurent(kernel: Kernel, k: int) -> tuple[Laurent, ...]:
+    """f_k of the shape w (without σ_d), exactly, piece by piece."""
     pieces = [{j: fraction(c) for j, c in enumerate(piece) if c} for piece in kernel.coefficients()]
-    for _ in range(0 if name == "w" else 2 if name == "w2" else 1):
+    for _ in range(_STEPS[k]):
         pieces = [{j - 2: j * c for j, c in piece.items() if j} for piece in pieces]
-    if name == "w3":
+    if k == 3:
         pieces = [{j - 2: c for j, c in piece.items()} for piece in pieces]
     return tuple(pieces)
 
 
 @lru_cache(maxsize=2048)
-def _radial_moment(kernel: Kernel | Gaussian, name: str, n: int, dim: int) -> Any:
-    """∫ |s|ⁿ f d^d s for a radial function (of Ŵ, with σ_d)."""
+def radial_moment(kernel: Kernel | Gaussian, k: int, n: int, dim: int) -> Any:
+    """∫ |s|ⁿ f_k d^d s, with σ_d: exact; 0 where it diverges at the origin."""
     from sphtrunc.kernels.kernel import Kernel
 
     if not isinstance(kernel, Kernel):
-        return kernel.radial_moment(name, n, dim)
+        return kernel.radial_moment(k, n, dim)
     from sympy import Rational
 
     total = Fraction(0)
     knots = [fraction(k) for k in kernel.knots]
-    for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
+    for a, b, piece in zip(knots, knots[1:], laurent(kernel, k), strict=False):
         for j, c in piece.items():
             power = j + n + dim
             if power == 0 or (power < 0 and not a):
@@ -165,44 +241,3 @@ def _radial_moment(kernel: Kernel | Gaussian, name: str, n: int, dim: int) -> An
             total += c * (b**power - a**power) / power
     mass = kernel.moment(0, dim) / kernel._mass(dim)
     return Rational(total.numerator, total.denominator) * mass
-
-
-def origin_value(kernel: Kernel | Gaussian, name: str, dim: int) -> float:
-    from sphtrunc.kernels.kernel import Kernel
-
-    if name == "w":
-        return float(kernel.w(0.0, dim))
-    if isinstance(kernel, Kernel):
-        value = laurent(kernel, name)[0].get(0, Fraction(0))
-        return float(value) * float(kernel.normalisation(dim))
-    return float(kernel.d2w(0.0, dim))
-
-
-def radial_values(
-    kernel: Kernel | Gaussian, name: str, q: Array, dim: int, order: int = 0
-) -> Array:
-    """f(q) σ_d, or f′(q)/q for order 1, for q > 0; means at the knots, 0 beyond the support."""
-    import numpy as np
-
-    from sphtrunc.kernels.kernel import Kernel
-
-    if not isinstance(kernel, Kernel):
-        return kernel.radial_values(name, q, dim, order)
-    result = np.zeros_like(q)
-    knots = [float(k) for k in kernel.knots]
-    for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
-        terms = {i: float(c) for i, c in piece.items()}
-        for _ in range(order):
-            terms = {i - 2: i * c for i, c in terms.items() if i}
-        if not terms:
-            continue
-        inside = (q >= a) & (q <= b)
-        x = q[inside]
-        low = min(terms)
-        value = np.zeros_like(x)
-        for i in range(max(terms), low - 1, -1):
-            value = value * x + terms.get(i, 0.0)
-        value = value * x**low
-        edge = (x == b) | ((x == a) & (a > 0))
-        result[inside] += np.where(edge, 0.5, 1.0) * value
-    return np.asarray(result * float(kernel.normalisation(dim)))

@@ -30,6 +30,9 @@ SOURCE = "Gingold & Monaghan (1977) doi:10.1093/mnras/181.3.375"
 SUPER = "Monaghan (1992) doi:10.1146/annurev.aa.30.090192.002551"
 
 
+_STEPS = (0, 1, 2, 1, 1)  # how often (1/q) d/dq acts on Ŵ in the radial factor f_k
+
+
 @dataclass(frozen=True)
 class Gaussian:
     """A Gaussian kernel.
@@ -164,13 +167,13 @@ class Gaussian:
             value = Rational(i - 1, 2) * value - k ** (i - 1) * exp(-(k**2)) / 2
         return value
 
-    def radial_moment(self, name: str, n: int, dim: int) -> Expression:
-        """∫ |s|ⁿ f d^d s for f = Ŵ, w₁ = Ŵ′/q, w₂ = w₁′/q or w₃ = Ŵ′/q³; 0 where it diverges."""
+    def radial_moment(self, k: int, n: int, dim: int) -> Expression:
+        """∫ |s|ⁿ f_k d^d s (`sphtrunc.kernels.factors`); 0 where it diverges."""
         a = Rational(dim + 2, 2) if self.power else Integer(1)
         scale = Integer(1)
-        for _ in range({"w": 0, "w1": 1, "w2": 2, "w3": 1}[name]):
+        for _ in range(_STEPS[k]):
             a, scale = a + self.power, -2 * scale
-        power = n + dim - 1 - 2 * (name == "w3")
+        power = n + dim - 1 - 2 * (k == 3)
         if power < 0:
             return Integer(0)
         total = a * self._radial(power)
@@ -228,23 +231,23 @@ class Gaussian:
     def _sigmas(self) -> dict[int, float]:
         return {d: float(self.normalisation(d)) for d in (1, 2, 3)}
 
-    def radial_mp(self, context: Any, name: str, q: Any, dim: int = 1) -> Any:
-        """w, w₁ = w′/q, w₂ = w₁′/q or w₃ = w′/q³ of the shape, without σ_d, with mpmath numbers."""
+    def radial_mp(self, context: Any, k: int, q: Any, dim: int = 1) -> Any:
+        """f_k of the shape (`sphtrunc.kernels.factors`), without σ_d, with mpmath numbers."""
         if self.cut is not None and q > self.cut:
             return context.zero
         square = q * q
         a = context.mpf(dim + 2) / 2 if self.power else context.one
         b = self.power
-        value = {
-            "w": lambda: a - b * square,
-            "w1": lambda: -2 * (a + b - b * square),
-            "w2": lambda: 4 * (a + 2 * b - b * square),
-            "w3": lambda: -2 * (a + b - b * square) / square,
-        }[name]() * context.exp(-square)
+        scale = context.one
+        for _ in range(_STEPS[k]):
+            a, scale = a + b, -2 * scale
+        value = scale * (a - b * square) * context.exp(-square)
+        if k == 3:
+            value /= square
         return value / 2 if self.cut is not None and q == self.cut else value
 
     def radial_values(
-        self, name: str, q: NDArray[np.float64], dim: int, order: int
+        self, k: int, q: NDArray[np.float64], dim: int, order: int
     ) -> NDArray[np.float64]:
         """The same functions in float64 with σ_d, or their f′/q (order 1), for q > 0."""
         import numpy as np
@@ -253,11 +256,10 @@ class Gaussian:
         # D = (1/q) d/dq sends (a − b u) e^{−u} to −2 (a + b − b u) e^{−u}
         a, b = (dim + 2) / 2 if self.power else 1.0, float(self.power)
         scale = 1.0
-        steps = {"w": 0, "w1": 1, "w2": 2, "w3": 1}[name]
-        for _ in range(steps + (order if name != "w3" else 0)):
+        for _ in range(_STEPS[k] + (order if k != 3 else 0)):
             a, scale = a + b, -2.0 * scale
         value = scale * (a - b * u) * np.exp(-u)
-        if name == "w3":
+        if k == 3:
             value = value / u
             if order:
                 slope = -2.0 * scale * (a + b - b * u) * np.exp(-u)

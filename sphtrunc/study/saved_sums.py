@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sympy import Rational
 
-from sphtrunc.experiment.engine.pairs import radial_factor
 from sphtrunc.kernels.catalogue import named, names
 from sphtrunc.kernels.conventions import BALL, two_sigma
-from sphtrunc.kernels.factors import SLOPE, VALUE
+from sphtrunc.kernels.factors import SLOPE, VALUE, factor_values
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -36,7 +35,7 @@ FORCES_FIT = 2e-3
 #: how many times better than the next a pair has to be; squared where the next is within the limit,
 #: since on a lattice all wide kernels give nearly the same density
 _CLEAR = 10.0
-_TINY = 2.0**-1000
+_TINY, _AWAY = 2.0**-1000, 2.0**-500
 _MOST_NEIGHBOURS = 4096  # of a support that a code could have used
 _LEAST_NEIGHBOURS = 4
 _SCREENED, _FORCES_SCREENED = 64, 16  # targets that all candidates are tried on
@@ -104,14 +103,14 @@ def conventions(kernel: Kernel, dim: int) -> list[float]:
     the kernel as it is written here; 1, 2, 3; κ/(2σ/h) (Dehnen & Aly 2012); κ/(FWHM/h)."""
     support = float(kernel.support)
     found = [support, 1.0, 2.0, 3.0, support / float(two_sigma(kernel, dim).evalf(17))]
-    q = np.linspace(0.0, support, 4097)
-    half = radial_factor(kernel, dim, VALUE, q)
+    q = np.linspace(0.0, support, 4097) + _AWAY
+    half = factor_values(kernel, VALUE, q, dim)
     below = np.flatnonzero(half < 0.5 * half[0])
     if below.size and below[0] > 0 and half[0] > 0:
         low, high = q[below[0] - 1], q[below[0]]
         for _ in range(60):
             middle = 0.5 * (low + high)
-            inside = float(radial_factor(kernel, dim, VALUE, np.array([middle]))[0])
+            inside = float(factor_values(kernel, VALUE, np.array([middle]), dim)[0])
             low, high = (middle, high) if inside >= 0.5 * half[0] else (low, middle)
         found.append(support / (2.0 * low))
     return sorted({float(ratio) for ratio in found})
@@ -128,7 +127,8 @@ class _Pairs:
         everything = named("polynomial:-1").scaled(support=Rational(reach))
         block = scene.around(targets, everything)
         assert block.particle is not None
-        u = np.sqrt((block.offset**2).sum(axis=0))
+        # a particle is its own neighbour, at a distance that no limit at 0 is taken for
+        u = np.sqrt((block.offset**2).sum(axis=0)) + _AWAY
         order = np.argsort(u, axis=0, kind="stable")
         self.u = np.take_along_axis(u, order, 0)
         self.particle = np.take_along_axis(block.particle, order, 0)
@@ -151,7 +151,7 @@ class _Pairs:
             scale = per / self.stretch
             q = self.u * scale
         power = dim if k == VALUE else dim + 2
-        return np.asarray(radial_factor(kernel, dim, k, q) * scale**power)
+        return np.asarray(factor_values(kernel, k, q, dim) * scale**power)
 
 
 def density_residual(

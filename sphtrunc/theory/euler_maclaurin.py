@@ -124,8 +124,8 @@ def _steps(kernel: Kernel, term: Any, k: int) -> list[list[Rational]]:
     pieces = []
     for i in range(len(kernel.pieces)):
         total: dict[int, Rational] = {}
-        for c, (power,), name in rows:
-            for j, x in laurent(kernel, name)[i].items():
+        for c, (power,), f in rows:
+            for j, x in laurent(kernel, f)[i].items():
                 value = Rational(c * x.numerator, x.denominator)
                 total[j + power] = total.get(j + power, Rational(0)) + value
         total = {j: c for j, c in total.items() if c}

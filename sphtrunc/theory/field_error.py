@@ -42,11 +42,8 @@ from sphtrunc.theory.disorder.sensitivities import (
 from sphtrunc.theory.fields import Signals, Waves
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
-
-    Array = NDArray[np.float64]
 FEW = 60  # displacements, up to which the second order in them is taken
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -131,7 +128,7 @@ def predict_fields(
     dim = len(offset)
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit(kernel, operator) - exact
+    limit = signals.limit_error(kernel, operator)
     if nested:
         seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
         value, noise = seen.estimate(signals)
@@ -143,8 +140,11 @@ def predict_fields(
         neighbours = particles.neighbours
     if pairs and isinstance(signals, Waves):  # of odd and even weights at ±s
         value[:, :, 1 - operator.derivatives % 2] = 0.0
+    # what the rounding of these very sums can explain is no discretisation error
+    unresolved = (depth(neighbours) + 8) * UNIT * neighbours**0.5 * noise
     noise = floor(noise, value, neighbours, precision)
     still = value - exact
+    still = np.where(np.abs(still - limit) <= unresolved, limit, still)
     mean, variance = still, np.zeros_like(still)
     if sigma:
         if nested or volume != "constant" or distribution == "blue":

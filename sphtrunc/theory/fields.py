@@ -1,5 +1,5 @@
-"""Signals: the fields that theory applies an estimate to, with their values as a form sees them,
-their derivatives at the target, and what the estimate tends to for Δx/h → 0.
+"""Fields that theory applies an estimate to: their values as a form sees them, their derivatives at
+the target, and the error that is left for Δx/h → 0.
 
 Offsets s are in units of h, and so are derivatives; K signals of F parts each go together.
 """
@@ -8,26 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise, product
+from fractions import Fraction
+from functools import cache, lru_cache
+from itertools import product
 from math import factorial, prod, sqrt
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from sphtrunc.kernels.factors import radial_values
-from sphtrunc.kernels.kernel import SPHERE
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.operators.corrections import shifted
 from sphtrunc.operators.moments import MultiIndex, add, unit
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.operators.terms import Key, angular, parts
+from sphtrunc.operators.terms import Key, lowered, monomial
+from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from sphtrunc.arithmetic.summation import Array
+    from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
-
-    Array = NDArray[np.float64]
 
 _SERIES = 60  # terms of the continuous limit
 
@@ -74,12 +73,13 @@ class Waves:
         """What the root of Σ E² is to be divided by, (K,): the mean over phases is a half of it."""
         return sqrt(2.0) * self.kappa**order
 
-    def limit(self, kernel: Kernel, operator: Operator) -> Array:
-        """E for Δx/h → 0, (K, C, F): that along the first axis, turned; kernels are isotropic."""
+    def limit_error(self, kernel: Kernel | Gaussian, operator: Operator) -> Array:
+        """E for Δx/h → 0 less the exact derivative, (K, C, F): that along the first axis, rotated,
+        as kernels are isotropic."""
         dim, n = len(self.direction), self.direction
         ahead = Waves(self.kappa, np.eye(dim)[0])
         axis = [unit(dim, 0, m) for m in range(_SERIES)]
-        found = _limit(kernel, operator, dim, {mu: ahead.derivative(mu) for mu in axis})
+        found = _limit_error(kernel, operator, dim, {mu: ahead.derivative(mu) for mu in axis})
         if operator.derivatives == 1:
             return found[:, :1] * n[:, None]
         if operator.name != "hessian" or dim == 1:
@@ -113,7 +113,7 @@ class Taylor:
         for one, result in zip(self.coefficients, total[:, 0], strict=True):
             for alpha, c in one.items():
                 if any(alpha):
-                    result += c * np.prod(s**alpha, axis=-1)
+                    result += c * monomial(s, alpha)
         return total
 
     def gradient(self, s: Array) -> Array:
@@ -123,8 +123,7 @@ class Taylor:
             for alpha, c in one.items():
                 for i, n in enumerate(alpha):
                     if n:
-                        lower = tuple(m - (j == i) for j, m in enumerate(alpha))
-                        result[..., i] += c * n * np.prod(s**lower, axis=-1)
+                        result[..., i] += c * n * monomial(s, lowered(alpha, i))
         return total
 
     def laplacian(self, s: Array) -> Array:
@@ -134,8 +133,7 @@ class Taylor:
             for alpha, c in one.items():
                 for i, n in enumerate(alpha):
                     if n > 1:
-                        lower = tuple(m - 2 * (j == i) for j, m in enumerate(alpha))
-                        result += c * n * (n - 1) * np.prod(s**lower, axis=-1)
+                        result += c * n * (n - 1) * monomial(s, lowered(alpha, i, 2))
         return total
 
     def derivative(self, mu: MultiIndex) -> Array:
@@ -147,73 +145,76 @@ class Taylor:
         """What the root of Σ E² is to be divided by, (K,)."""
         return np.full(len(self.coefficients), self.scale)
 
-    def limit(self, kernel: Kernel, operator: Operator) -> Array:
-        """E for Δx/h → 0, (K, C, F)."""
+    def limit_error(self, kernel: Kernel | Gaussian, operator: Operator) -> Array:
+        """E for Δx/h → 0 less the exact derivative, (K, C, F)."""
         alphas = dict.fromkeys(alpha for one in self.coefficients for alpha in one)
         dim = len(next(iter(alphas)))
-        return _limit(kernel, operator, dim, {alpha: self.derivative(alpha) for alpha in alphas})
+        return _limit_error(
+            kernel, operator, dim, {alpha: self.derivative(alpha) for alpha in alphas}
+        )
 
 
 Signals: TypeAlias = Waves | Taylor
 
 
-def _limit(
-    kernel: Kernel, operator: Operator, dim: int, derivatives: Mapping[MultiIndex, Array]
+def _limit_error(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    dim: int,
+    derivatives: Mapping[MultiIndex, Array],
 ) -> Array:
-    """E for Δx/h → 0, (K, C, F), from the derivatives (K, F) of the signal at the target."""
-    moment = _integral(kernel, dim)
-    zero = unit(dim, 0, 0)
-    means = {key: moment(key) for key in operator.needed(dim, 0)}
-    alphas = list(derivatives)
-    if operator.form == NESTED:
-        alphas = [mu for alpha in derivatives for mu in product(*(range(n + 1) for n in alpha))]
-    rows = []
-    for part in operator.coefficients(means, dim):
-        row = {}
-        for alpha in alphas:
-            row[alpha] = sum(
-                float(c) * moment((term, add(alpha, gamma))) for (term, gamma), c in part.items()
-            )
-            if alpha == zero and operator.uses_difference:
-                row[alpha] = 0.0
-            elif alpha == zero and operator.form == "symmetric":
-                row[alpha] *= 2.0
-        rows.append(row)
-    if operator.form == NESTED:
-        rows = [
-            {mu: sum(shifted(rows[i], rows[j], mu) for i, j in row) for mu in derivatives}
-            for row in operator.axes(dim)
-        ]
+    """Σ_μ (limit M_μ/μ! − exact) A^{(μ)}, (K, C, F): E for Δx/h → 0 less the exact derivative, from
+    the derivatives (K, F) of the signal at the target. The differences are exact, so that a small
+    error keeps its digits."""
+    rows = _limit_errors(kernel, operator, dim, tuple(derivatives))
+    none = np.zeros_like(next(iter(derivatives.values())))
     return np.stack(
-        [
-            sum(x / prod(factorial(n) for n in mu) * row[mu] for mu, x in derivatives.items())
-            for row in rows
-        ],
-        axis=1,
+        [sum((x * row[mu] for mu, x in derivatives.items()), none) for row in rows], axis=1
     )
 
 
-@cache
-def _integral(kernel: Kernel, dim: int) -> Any:
-    """key -> its continuous base sum ∫ g_key d^d s, by Gauss quadrature of the radial part."""
-    t, w = np.polynomial.legendre.leggauss(64)
-    knots = [float(x) for x in kernel.knots]
-    pairs = list(pairwise(knots))
-    q = np.concatenate([a + (b - a) / 2 * (1 + t) for a, b in pairs])
-    weight = np.concatenate([(b - a) / 2 * w for a, b in pairs])
-    sphere = float(SPHERE[dim])
+@lru_cache(maxsize=256)
+def _limit_errors(
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, alphas: tuple[MultiIndex, ...]
+) -> list[dict[MultiIndex, float]]:
+    """limit M_μ/μ! − exact of every component: exact differences, rounded once, for a polynomial
+    kernel."""
+    zero = unit(dim, 0, 0)
 
     @cache
-    def radial(name: str) -> Array:
-        return np.asarray(radial_values(kernel, name, q, dim) * weight * sphere)
+    def moment(key: Key) -> Any:
+        value = continuous_sum(kernel, key)
+        return fraction(value) if kernel.is_polynomial else float(value)
 
-    @cache
-    def moment(key: Key) -> float:
-        total = 0.0
-        for c, beta, name in parts(key):
-            angle = float(angular(beta))
-            if angle:
-                total += c * angle * float((radial(name) * q ** (sum(beta) + dim - 1)).sum())
-        return total
-
-    return moment
+    means = {key: moment(key) for key in operator.needed(dim, 0)}
+    wanted = list(alphas)
+    if operator.form == NESTED:
+        wanted = [mu for alpha in alphas for mu in product(*(range(n + 1) for n in alpha))]
+    rows = []
+    for part in operator.coefficients(means, dim):
+        row: dict[MultiIndex, Any] = {}
+        for alpha in wanted:
+            row[alpha] = sum(
+                c * moment((term, add(alpha, gamma))) for (term, gamma), c in part.items()
+            )
+            if alpha == zero and operator.uses_difference:
+                row[alpha] = 0
+            elif alpha == zero and operator.form == "symmetric":
+                row[alpha] *= 2
+        rows.append(row)
+    if operator.form == NESTED:
+        rows = [
+            {mu: sum(shifted(rows[i], rows[j], mu) for i, j in row) for mu in alphas}
+            for row in operator.axes(dim)
+        ]
+    adds_own = operator.derivatives == 0 and operator.uses_difference
+    result = []
+    for row, target in zip(rows, operator.components(dim), strict=True):
+        exact = () if adds_own else target
+        result.append(
+            {
+                mu: float(Fraction(1, prod(map(factorial, mu))) * row[mu] - (mu in exact))
+                for mu in alphas
+            }
+        )
+    return result

@@ -24,7 +24,7 @@ from sphtrunc.kernels.factors import laurent
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.operators.terms import Key, parts
+from sphtrunc.operators.terms import SLOPE, VALUE, Key, parts
 from sphtrunc.scenes.sites import KINDS, metric
 
 if TYPE_CHECKING:
@@ -79,24 +79,24 @@ def lattice_sums(
     shells = _shells(kind, dx_over_h, tuple(offset), fraction(kernel.support), turned)
     dim = len(offset)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
-    names = {name for key in keys for _, _, name in parts(key)}
-    radial = {name: _radial(kernel, name, shells.squares, rational, dim) for name in names}
+    factors = {k for key in keys for _, _, k in parts(key)}
+    radial = {k: _radial(kernel, k, shells.squares, rational, dim) for k in factors}
     ctx = real_context()
     sigma = kernel.normalisation(dim)
     scale: Any = sigma
     if not all(values is not None for values in radial.values()):
         rational = False
-        radial = {name: _radial(kernel, name, shells.squares, False, dim) for name in names}
+        radial = {k: _radial(kernel, k, shells.squares, False, dim) for k in factors}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
     cell = dx_over_h**dim
 
     @cache
-    def total(beta: MultiIndex, name: str) -> Any:
+    def total(beta: MultiIndex, k: int) -> Any:
         counts = shells.moments(beta)
         if counts is None:
             return 0
-        values = radial[name]
+        values = radial[k]
         assert values is not None
         steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * cell
         if rational:
@@ -111,7 +111,7 @@ def lattice_sums(
 
     result: dict[Key, Any] = {}
     for key in keys:
-        value = sum(c * total(beta, name) for c, beta, name in parts(key))
+        value = sum(c * total(beta, k) for c, beta, k in parts(key))
         value = value + _at_origin(kernel, key, shells.at_origin, cell, rational)
         if isinstance(value, Fraction):
             value = Rational(value.numerator, value.denominator)
@@ -263,7 +263,7 @@ def lattice_moments(
 
 
 def _radial(
-    kernel: Kernel | Gaussian, name: str, squares: Sequence[Fraction], rational: bool, dim: int
+    kernel: Kernel | Gaussian, k: int, squares: Sequence[Fraction], rational: bool, dim: int
 ) -> list[Any] | None:
     """f(q) on every shell, without σ_d; None where rational ones are wanted and there are none.
 
@@ -271,10 +271,10 @@ def _radial(
     """
     ctx = real_context()
     if not isinstance(kernel, Kernel):
-        return [kernel.radial_mp(ctx, name, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator), dim)
+        return [kernel.radial_mp(ctx, k, ctx.sqrt(ctx.mpf(s.numerator) / s.denominator), dim)
                 for s in squares]  # fmt: skip
     knots = [fraction(k) for k in kernel.knots]
-    pieces = [*laurent(kernel, name), {}]
+    pieces = [*laurent(kernel, k), {}]
     result: list[Any] = []
     for square in squares:
         i = sum(square > k**2 for k in knots[1:])
@@ -324,7 +324,7 @@ def _at_origin(
     ctx = real_context()
     second = sum(term) == 2
     if isinstance(kernel, Kernel):
-        piece = laurent(kernel, "w1" if second else "w")[0]
+        piece = laurent(kernel, SLOPE if second else VALUE)[0]
         if second and len(alpha) > 1 and min(piece, default=0) < 0:
             raise ValueError(
                 f"kernel {kernel.name!r} has no second derivative at q = 0, where a particle lies;"
@@ -332,5 +332,5 @@ def _at_origin(
             )
         value: Any = piece.get(0, Fraction(0)) * volume
         return value if rational else ctx.mpf(value.numerator) / value.denominator
-    value = kernel.radial_mp(ctx, "w1" if second else "w", ctx.zero, len(alpha))
+    value = kernel.radial_mp(ctx, SLOPE if second else VALUE, ctx.zero, len(alpha))
     return value * volume.numerator / volume.denominator

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sympy import Rational
 
-from sphtrunc.kernels.factors import _radial_moment
+from sphtrunc.kernels.factors import radial_moment
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import Moments
 from sphtrunc.operators.operator import Operator
@@ -50,9 +50,9 @@ def continuous_sum(kernel: Kernel | Gaussian, key: Key) -> Any:
     moment that difference forms do not have, M_0; it is given as 0.
     """
     total: Any = Rational(0)
-    for c, beta, name in parts(key):
+    for c, beta, k in parts(key):
         mean = angular(beta)
         if mean:
             weight = Rational(c * mean.numerator, mean.denominator)
-            total += weight * _radial_moment(kernel, name, sum(beta), len(beta))
+            total += weight * radial_moment(kernel, k, sum(beta), len(beta))
     return total

@@ -25,8 +25,9 @@ from numba.extending import (
     unbox,
 )
 
+from sphtrunc.arithmetic.arrays import MOST
 from sphtrunc.arithmetic.summation import UNIT
-from sphtrunc.experiment.engine.pairs import MOST, Plan, pair_terms, row_counts
+from sphtrunc.experiment.engine.pairs import Plan, pair_terms, row_counts
 
 WIDTH = 8
 _DOUBLE = ir.DoubleType()

@@ -15,20 +15,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.experiment.engine.bounds import Bounded, BoundedNumbers
-from sphtrunc.kernels.factors import CURVATURE, SLOPE, STEEP, VALUE, Piece, Radial, radial
-from sphtrunc.operators.moments import MultiIndex, add
-from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.kernels.factors import Radial, evaluate, radial
+from sphtrunc.operators.moments import MultiIndex
+from sphtrunc.operators.terms import CURVATURE, OTHERS, SLOPE, STEEP, VALUE, Key, parts
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
-COUNT = 4  # R[COUNT, 0]: particles within the support, and 2²⁶ times those not at the target
-MOST = 2.0**26
-OTHERS = 5  # Ŵ′/q without the particle at s = 0
+COUNT = (
+    OTHERS + 1
+)  # R[COUNT, 0]: particles within the support, and 2²⁶ times those not at the target
 #: powers of h_a/h_ab beyond d that a factor carries where a pair has an h of its own
 _STRETCH = {VALUE: 0, SLOPE: 2, CURVATURE: 4, STEEP: 4, COUNT: 0, OTHERS: 2}
 
@@ -104,36 +102,18 @@ def plan(
 # ---------------------------------------------------------------- base sums out of radial sums
 
 
-def radial_terms(key: Key) -> dict[tuple[int, MultiIndex], int]:
-    """m[δ, α] = (−1)^{|δ|} Σ V s^α ∂^δŴ as a combination of radial sums {(k, β): coefficient}."""
-    delta, alpha = key
-    if delta == BROOKSHAW:
-        return {(OTHERS, alpha): -1}
-    if delta == FATEHI_MANZARI:
-        return {(STEEP, alpha): -1}
-    order = sum(delta)
-    if order == 0:
-        return {(VALUE, alpha): 1}
-    if order == 1:
-        return {(SLOPE, add(alpha, delta)): -1}
-    combination = {(CURVATURE, add(alpha, delta)): 1}
-    if max(delta) == 2:
-        combination[SLOPE, alpha] = 1
-    return combination
-
-
 def needed_terms(keys: Iterable[Key], fields: int, field_keys: Iterable[Key]) -> list[Term]:
     """The radial sums behind base sums `keys` and field-weighted sums `field_keys`."""
-    terms = [Term(k, beta, -1) for key in keys for k, beta in radial_terms(key)]
+    terms = [Term(k, beta, -1) for key in keys for _, beta, k in parts(key)]
     for f in range(fields):
-        terms += [Term(k, beta, f) for key in field_keys for k, beta in radial_terms(key)]
+        terms += [Term(k, beta, f) for key in field_keys for _, beta, k in parts(key)]
     return list(dict.fromkeys(terms))
 
 
 def base_sum(key: Key, field: int, sums: Mapping[Term, Any]) -> Any:
     """m[δ, α], or with the field in every term, from the radial sums."""
     total: Any = None
-    for (k, beta), c in radial_terms(key).items():
+    for c, beta, k in parts(key):
         part = sums[Term(k, beta, field)]
         part = part if c == 1 else c * part
         total = part if total is None else total + part
@@ -201,7 +181,7 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
     q = None if plan.even else number.sqrt(seen)
     factors: dict[int, Any] = {}
     for k, f in plan.factors:
-        factors[k] = _radial(number, f, seen if f.even else q, squares)
+        factors[k] = evaluate(number, f, seen if f.even else q, squares)
     if any(t.k == OTHERS for t in plan.terms):
         factors[OTHERS] = number.others(squares, factors[SLOPE])
     if any(t.k == COUNT for t in plan.terms):
@@ -235,60 +215,3 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         weighted[t.k, t.field] * monomial(t.beta) if any(t.beta) else weighted[t.k, t.field]
         for t in plan.terms
     ]
-
-
-def radial_factor(kernel: Kernel, dim: int, k: int, q: Any) -> Any:
-    """f_k of the kernel at distances q >= 0, arrays: what the engines sum, without a scene."""
-    from sphtrunc.experiment.engine.tree import ArrayNumbers
-
-    f = radial(kernel, dim, k)
-    squares = q * q
-    with np.errstate(divide="ignore", invalid="ignore"):  # at q = 0 under a pole: set to 0 there
-        return _radial(ArrayNumbers(), f, squares if f.even else q, squares)
-
-
-def _radial(number: Any, f: Radial, x: Any, squares: Any) -> Any:
-    """f_k at x (q, or q² for an even kernel), the piece picked without a branch."""
-    value: Any = None
-    for piece in reversed(f.pieces):
-        inner = _piece(number, piece, x, squares)
-        if value is None and piece.vanishes:
-            value = inner
-            continue
-        value = number.pick(x, piece.end, inner, 0.0 if value is None else value, piece.mean)
-    return value
-
-
-def _piece(number: Any, piece: Piece, x: Any, squares: Any) -> Any:
-    """t^m Σ c_i t^i / x^pole."""
-    t = x
-    if piece.centre:
-        t = number.constant(piece.centre) - x
-        if piece.centre_low:
-            t = t + piece.centre_low
-        if piece.vanishes:
-            t = number.positive(t)
-    value: Any = None
-    for c, error in reversed(list(zip(piece.coefficients, piece.errors, strict=True))):
-        if value is None:
-            value = number.constant(c, error)
-        else:
-            value = value * t + number.constant(c, error) if c else value * t
-    value = number.constant(0.0) if value is None else value
-    if piece.power:
-        value = value * power(t, piece.power)
-    if piece.pole:
-        value = number.others(squares, value / power(x, piece.pole))
-    return value
-
-
-def power(t: Any, n: int) -> Any:
-    """t^n, n >= 1, by repeated squaring."""
-    result: Any = None
-    while n:
-        if n & 1:
-            result = t if result is None else result * t
-        n >>= 1
-        if n:
-            t = t * t
-    return result

@@ -16,18 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.arrays import MOST
 from sphtrunc.arithmetic.summation import UNIT, Array, dd_add, two_sum
 from sphtrunc.experiment.engine.pairs import (
     COUNT,
-    MOST,
     Plan,
     Term,
     base_sum,
     needed_terms,
     plan,
-    radial_terms,
 )
-from sphtrunc.operators.terms import Key
+from sphtrunc.operators.terms import Key, parts
 from sphtrunc.scenes.particles import Particles
 
 if TYPE_CHECKING:
@@ -223,7 +222,7 @@ def _gathered(
     def bound(key: Key, field: int) -> Array:
         assert errors is not None
         total: Array = UNIT * np.abs(base_sum(key, field, sums))
-        for k, beta in radial_terms(key):
+        for _, beta, k in parts(key):
             total = total + errors[Term(k, beta, field)]
         return total
 

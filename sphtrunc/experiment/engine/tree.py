@@ -17,55 +17,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sphtrunc.arithmetic.arrays import ArrayNumbers
 from sphtrunc.arithmetic.summation import UNIT, Array, compensated_total, total, total_error
 from sphtrunc.experiment.engine.bounds import Bounded
-from sphtrunc.experiment.engine.pairs import MOST, Plan, pair_terms, row_counts
+from sphtrunc.experiment.engine.pairs import Plan, pair_terms, row_counts
 
 _PAIRS = 1 << 15  # of one block
 _LEAF = 64  # particles of a leaf of the tree, at most
 _FAN = 64  # boxes in a box of the next level
 _ROUNDING = 32.0 * UNIT  # of a squared distance, relative to the largest squares in it
 _WIDER = 1.0 + 1e-12  # boxes are taken a little larger than the reach
-
-
-class ArrayNumbers:
-    """The functions of the pair formula for NumPy arrays."""
-
-    def constant(self, c: float, error: float = 0.0) -> float:
-        return c
-
-    def difference(self, a: Array, b: Array) -> Array:
-        return a - b
-
-    def scale(self, x: Any) -> Any:
-        """The power of two at or below |x|, 0 for denormal numbers."""
-        bits = np.asarray(x, dtype=np.float64).view(np.int64) & 0x7FF0000000000000
-        return bits.view(np.float64)
-
-    def sqrt(self, x: Array) -> Array:
-        return np.asarray(np.sqrt(x))
-
-    def size(self, x: Any) -> Any:
-        return np.abs(x)
-
-    def larger(self, a: Any, b: Any) -> Any:
-        return np.maximum(a, b)
-
-    def smaller(self, a: Any, b: Any) -> Any:
-        return np.minimum(a, b)
-
-    def positive(self, x: Any) -> Any:
-        return np.maximum(x, 0.0)
-
-    def others(self, squares: Array, x: Any) -> Any:
-        return np.where(squares > 0.0, x, 0.0)
-
-    def within(self, x: Array, edge: float, squares: Array) -> Any:
-        return np.where(x <= edge, np.where(squares > 0.0, 1.0 + MOST, 1.0), 0.0)
-
-    def pick(self, x: Array, knot: float, inner: Any, outer: Any, mean: float | None) -> Any:
-        value = np.where(x < knot, inner, outer)
-        return value if mean is None else np.where(x == knot, mean, value)
 
 
 def pairs_of(

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from functools import cache
 from math import prod, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sphtrunc.arithmetic.dual import Dual
-from sphtrunc.kernels.factors import radial_values
+from sphtrunc.kernels.factors import factor_values
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import PAIRED, Operator
-from sphtrunc.operators.terms import Key, parts
+from sphtrunc.operators.terms import Key, monomial, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.sensitivities import dual_coefficients
 from sphtrunc.theory.fields import Signals, Taylor
@@ -101,33 +102,10 @@ class _Particles:
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
         """g_key at the offsets s, (…, d)."""
         q = np.sqrt((s * s).sum(axis=-1))
-        near = q > 0
-        radial: dict[str, Array] = {}
-
-        def factor(name: str) -> Array:
-            if name not in radial:
-                value = np.zeros_like(q)
-                value[near] = radial_values(self.kernel, name, q[near], self.dim)
-                if name == "w":
-                    value[~near] = self.kernel.w(0.0, self.dim)
-                elif name == "w1" and not near.all() and self.kernel.curved_at_0:
-                    value[~near] = self.kernel.d2w(0.0, self.dim)
-                radial[name] = value
-            return radial[name]
-
-        result: dict[Key, Array] = {}
-        for key in keys:
-            total = np.zeros_like(q)
-            for c, beta, name in parts(key):
-                value = c * factor(name)
-                for axis, n in enumerate(beta):
-                    for _ in range(n):
-                        value = value * s[..., axis]
-                total += value
-            if isinstance(key[0], str):
-                total = np.where(near, total, 0.0)
-            result[key] = total
-        return result
+        factor = cache(lambda k: factor_values(self.kernel, k, q, self.dim))
+        return {
+            key: sum(c * monomial(s, beta) * factor(k) for c, beta, k in parts(key)) for key in keys
+        }
 
     def scattered(
         self, operator: Operator, signals: Signals, sigma: float, distribution: str

@@ -8,11 +8,10 @@ from functools import lru_cache
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
-from sphtrunc.kernels.factors import radial_values
+from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import SPHERE, Kernel
 from sphtrunc.operators.moments import MultiIndex, unit
-from sphtrunc.operators.terms import angular
-from sphtrunc.theory.disorder.leading_law import Row
+from sphtrunc.operators.terms import OTHERS, SLOPE, VALUE, Row, angular
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -73,11 +72,11 @@ def _symbol(rows: Sequence[Row]) -> dict[tuple[MultiIndex, int], complex] | None
     from sphtrunc.theory.reciprocal_sums import symbol
 
     result: dict[tuple[MultiIndex, int], complex] = {}
-    for c, beta, name in rows:
+    for c, beta, factor in rows:
         dim = len(beta)
-        if name == "w":
+        if factor == VALUE:
             key = (unit(dim, 0, 0), beta)
-        elif name == "w1" and any(beta):
+        elif factor in (SLOPE, OTHERS) and any(beta):
             axis = next(i for i, n in enumerate(beta) if n)
             lower = tuple(n - (i == axis) for i, n in enumerate(beta))
             key, c = (unit(dim, axis), lower), -c
@@ -128,7 +127,7 @@ def _smeared(kernel: Kernel | Gaussian, rows: tuple[Row, ...], dim: int, spread:
         return 0.0
     if spread == 0:
         return float(
-            sum(c * kernel.w(0.0, dim) for c, beta, name in rows if name == "w" and not any(beta))
+            sum(c * kernel.w(0.0, dim) for c, beta, k in rows if k == VALUE and not any(beta))
         )
     t, w = np.polynomial.legendre.leggauss(40)
     inner = (float(k) for k in kernel.knots if 0 < k < 9 * spread)
@@ -138,7 +137,7 @@ def _smeared(kernel: Kernel | Gaussian, rows: tuple[Row, ...], dim: int, spread:
         q = a + (b - a) / 2 * (1 + t)
         weight = (b - a) / 2 * w * q ** (dim - 1) * np.exp(-0.5 * (q / spread) ** 2)
         weight *= float(SPHERE[dim]) / (2 * np.pi * spread**2) ** (dim / 2)
-        for c, beta, name in rows:
-            f = radial_values(kernel, name, q, dim)
+        for c, beta, k in rows:
+            f = factor_values(kernel, k, q, dim)
             total += float(c) * float(angular(beta)) * float((weight * q ** sum(beta) * f).sum())
     return total

@@ -15,12 +15,10 @@ from sphtrunc.kernels.factors import Laurent, laurent
 from sphtrunc.kernels.kernel import SPHERE, Kernel
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import Operator
-from sphtrunc.operators.terms import Key, angular, parts
+from sphtrunc.operators.terms import Key, Row, angular, parts
 
 if TYPE_CHECKING:
     from sympy import Expr
-
-Row = tuple[Any, MultiIndex, str]  # (c, β, f): c s^β f(q), see `sphtrunc.theory.lattice_sums`
 
 
 def _copies(operator: Operator, alpha: MultiIndex) -> int:
@@ -31,11 +29,9 @@ def _copies(operator: Operator, alpha: MultiIndex) -> int:
 def moment_rows(part: Mapping[Key, Any], alpha: MultiIndex) -> list[Row]:
     """The function that a moment samples, M_α = V Σ_b g(s_b), as rows c s^β f(q)."""
     return [
-        (c * sign, beta, name)
+        (c * sign, beta, k)
         for (term, gamma), c in part.items()
-        for sign, beta, name in parts(
-            (term, tuple(a + g for a, g in zip(alpha, gamma, strict=True)))
-        )
+        for sign, beta, k in parts((term, tuple(a + g for a, g in zip(alpha, gamma, strict=True))))
     ]
 
 
@@ -121,8 +117,8 @@ def _jumps(kernel: Kernel, rows: Sequence[Row]) -> bool:
     for n, knot in enumerate(kernel.knots):
         at = fraction(knot)
         by_beta: dict[MultiIndex, Fraction] = {}
-        for c, beta, name in rows:
-            pieces = [{}, *laurent(kernel, name), {}]
+        for c, beta, k in rows:
+            pieces = [{}, *laurent(kernel, k), {}]
             left, right = pieces[n], pieces[n + 1]
             if at:
                 step = sum((x * at**i for i, x in right.items()), Fraction(0)) - sum(

@@ -30,10 +30,9 @@ from sphtrunc.theory.fields import Signals
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
-
-    Array = NDArray[np.float64]
     from sphtrunc.operators.terms import Key
 
 _CHUNK = 1 << 22  # distances looked at together

@@ -38,12 +38,7 @@ from sphtrunc.theory.fields import Taylor
 from sphtrunc.theory.lattice_sums import lattice_moments
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sphtrunc.kernels.gaussian import Gaussian
-
-    Array = NDArray[np.float64]
 
 SECOND_ORDER = 240  # displacements, up to which second derivatives are taken; a sixth where every
 # neighbour has a correction of its own

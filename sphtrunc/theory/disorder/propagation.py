@@ -18,14 +18,11 @@ from sphtrunc.theory.disorder.sensitivities import Stencil
 from sphtrunc.theory.fields import Taylor
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
+    from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
-
-    Array = NDArray[np.float64]
-    from numpy.typing import NDArray
 
 
 def propagate(

@@ -11,21 +11,17 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.dual import Dual, dual_solve
-from sphtrunc.kernels.factors import origin_value, radial_values
+from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.operators.terms import Key, parts
+from sphtrunc.operators.terms import SLOPE, Key, lowered, monomial, parts
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
-
-    Array = NDArray[np.float64]
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sphtrunc.kernels.kernel import Kernel
 
 
@@ -37,20 +33,16 @@ class Terms:
 
         self.kernel, self.s, self.itself = kernel, s, itself
         self.q = np.sqrt((s * s).sum(axis=1))
-        self._radial: dict[tuple[str, int], Array] = {}
+        self._factors: dict[tuple[int, int], Array] = {}
 
-    def _radial_at(self, name: str, order: int) -> Array:
+    def _factor(self, k: int, order: int) -> Array:
+        """D^order f_k at every offset; at the target itself only what a sum sees there."""
         import numpy as np
 
-        if (name, order) not in self._radial:
-            dim = self.s.shape[1]
-            value = np.zeros_like(self.q)
-            away = ~self.itself
-            value[away] = radial_values(self.kernel, name, self.q[away], dim, order)
-            if self.itself.any() and order == 0 and name in ("w", "w1"):
-                value[self.itself] = origin_value(self.kernel, name, dim)
-            self._radial[name, order] = value
-        return self._radial[name, order]
+        if (k, order) not in self._factors:
+            q = np.where(self.itself, 0.0, self.q)
+            self._factors[k, order] = factor_values(self.kernel, k, q, self.s.shape[1], order)
+        return self._factors[k, order]
 
     def sampled(self, key: Key) -> tuple[Array, Array]:
         """g and ∇g of the term of a base sum, (N,) and (N, d)."""
@@ -58,18 +50,14 @@ class Terms:
 
         s = self.s
         g, slope = np.zeros_like(self.q), np.zeros_like(s)
-        for c, beta, name in parts(key):
-            f, df = self._radial_at(name, 0), self._radial_at(name, 1)
-            monomial = np.prod(s ** np.array(beta), axis=1)
-            value = c * monomial * f
-            if isinstance(key[0], str):
-                value[self.itself] = 0.0
-            g += value
+        for c, beta, k in parts(key):
+            f, df = self._factor(k, 0), self._factor(k, 1)
+            whole = monomial(s, beta)
+            g += c * whole * f
             for i, n in enumerate(beta):
-                slope[:, i] += c * monomial * df * s[:, i]
+                slope[:, i] += c * whole * df * s[:, i]
                 if n:
-                    lowered = tuple(m - (j == i) for j, m in enumerate(beta))
-                    slope[:, i] += c * n * np.prod(s ** np.array(lowered), axis=1) * f
+                    slope[:, i] += c * n * monomial(s, lowered(beta, i)) * f
         return g, slope
 
     def laplacian(self, key: Key) -> Array:
@@ -81,14 +69,13 @@ class Terms:
 
         s, dim = self.s, self.s.shape[1]
         total: Array = np.zeros_like(self.q)
-        for c, beta, name in parts(key):
-            f, df, ddf = (self._radial_at(name, order) for order in range(3))
-            monomial = np.prod(s ** np.array(beta), axis=1)
-            total += c * monomial * ((2 * sum(beta) + dim) * df + self.q**2 * ddf)
+        for c, beta, k in parts(key):
+            f, df, ddf = (self._factor(k, order) for order in range(3))
+            whole = monomial(s, beta)
+            total += c * whole * ((2 * sum(beta) + dim) * df + self.q**2 * ddf)
             for i, n in enumerate(beta):
                 if n > 1:
-                    lowered = tuple(m - 2 * (j == i) for j, m in enumerate(beta))
-                    total += c * n * (n - 1) * np.prod(s ** np.array(lowered), axis=1) * f
+                    total += c * n * (n - 1) * monomial(s, lowered(beta, i, 2)) * f
         total[self.itself] = 0.0
         return total
 
@@ -205,7 +192,7 @@ def volumes_of(
         density[q <= support] = kernel.w(q[q <= support], dim)
         volumes[inner] = 1.0 / density.sum(axis=1)
         slope = np.zeros_like(q)
-        slope[near] = radial_values(kernel, "w1", q[near], dim)
+        slope[near] = factor_values(kernel, SLOPE, q[near], dim)
         gradient = slope[:, :, None] * pair
 
         def summed(g: Array) -> Array:
