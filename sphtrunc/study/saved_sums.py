@@ -19,7 +19,8 @@ from sympy import Rational
 
 from sphtrunc.kernels.catalogue import named, names
 from sphtrunc.kernels.conventions import BALL, two_sigma
-from sphtrunc.kernels.factors import SLOPE, VALUE, factor_values
+from sphtrunc.kernels.factors import factor_values
+from sphtrunc.operators.terms import SLOPE, VALUE
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -98,6 +99,7 @@ def _shapes() -> list[Kernel]:
     return list(found.values())
 
 
+@cache
 def conventions(kernel: Kernel, dim: int) -> list[float]:
     """What the support of a kernel may be in units of what a code calls h: κ, where h is that of
     the kernel as it is written here; 1, 2, 3; κ/(2σ/h) (Dehnen & Aly 2012); κ/(FWHM/h)."""

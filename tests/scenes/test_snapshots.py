@@ -210,7 +210,7 @@ def test_further_columns_and_an_index_are_no_trouble(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x;h\n0,5;1\n1,5;1\n", r"line 2, column 'x': '0,5' is not a number; a decimal comma\? write 0.5"),
+        ("x;h\n0,5;1\n1,5;1\n", r"line 2, column 'x': '0,5' is not .*a decimal comma\? write 0.5"),
         ("x,h\n0,5,0,1\n1,5,0,1\n", r"line 2 has 4 entries, expected 2; a decimal comma\?"),
         ("x,h\n0,1\n1,nan\n", "h: nan in row 2, column 'h'"),
         ("x,h\n0,1\ninf,1\n", "x: inf in row 2, column 'x'"),
@@ -335,7 +335,7 @@ def test_links_out_of_a_file_are_not_followed(tmp_path):
         with h5py.File(path, "w") as f:
             f.create_group("Header").attrs["BoxSize"] = 0.0
             make(f.create_group("PartType0"))
-        with pytest.raises(ValueError, match="not followed|no Coordinates"):
+        with pytest.raises(ValueError, match=r"not followed|no Coordinates"):
             read(path)
     with h5py.File(path, "w") as f:
         f.create_group("Header")
@@ -377,7 +377,7 @@ def test_bombs_are_not_unpacked(tmp_path):
         file.writestr("x.npy", b"\0" * (1 << 27))
     with pytest.raises(ValueError, match="more than a file of this size holds"):
         read(tmp_path / "a.npz")
-    entities = "".join(f'<!ENTITY e{i} "{"&e%d;" % (i - 1) * 10}">' for i in range(1, 9))
+    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 9))
     (tmp_path / "a.vtp").write_text(
         f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e0 "lol">{entities}]><VTKFile>&e8;</VTKFile>',
         encoding="utf-8",

@@ -79,7 +79,7 @@ def swift(path: Path, c: Cloud, *, plural: bool = False, kernel: str = "Cubic sp
         gas = f.create_group("PartType0")
         gas["Coordinates"] = c.x
         gas["Velocities"] = c.v.astype(np.float32)
-        gas["Masses" ] = c.m
+        gas["Masses"] = c.m
         gas[f"Densit{s}"] = c.rho
         gas["SmoothingLengths" if plural else "SmoothingLength"] = c.h
         gas["Pressures" if plural else "Pressure"] = c.p
@@ -287,7 +287,7 @@ def vtk_xml(
     capital: bool = False,
     pieces: int = 1,
 ) -> None:
-    """mode: ascii, binary (inline base64), raw or base64 (appended); capital: `Format` for `format`."""
+    """mode: ascii, binary (inline base64), raw or base64 (appended); capital: `Format`."""
     appended = b""
     body = ""
     word = "Format" if capital else "format"
@@ -386,16 +386,14 @@ def lammps(path: Path, c: Cloud, *, scaled: bool = False, frames: int = 1, types
 _TABLE = ("x", "y", "z", "vx", "vy", "vz", "h", "m", "rho", "p")
 
 
-def table(
-    path: Path, c: Cloud, *, separator: str = ",", names: tuple[str, ...] = _TABLE, comment: bool = False
-) -> None:
+def table(path: Path, c: Cloud, *, separator: str = ",", comment: bool = False) -> None:
     """A table in text; comment: the names stand behind a #."""
     rows = np.column_stack([c.x, c.v, c.h, c.m, c.rho, c.p]).tolist()
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write("# made for a test\n")
         file.write("# " if comment else "")
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
-        writer.writerow(names)
+        writer.writerow(_TABLE)
         writer.writerows([[repr(v) for v in row] for row in rows])
 
 

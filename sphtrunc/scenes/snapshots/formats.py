@@ -21,6 +21,7 @@ from sphtrunc.scenes.snapshots import (
     vtk_legacy,
     vtk_xml,
 )
+from sphtrunc.scenes.snapshots.columns import listed
 from sphtrunc.scenes.snapshots.snapshot import Snapshot, snapshot_of
 from sphtrunc.scenes.snapshots.table import Table
 
@@ -48,7 +49,7 @@ def _hdf5(path: Path, kind: str | None) -> Table:
                 assert isinstance(found, Table)
                 return found
         raise ValueError(
-            f"unknown layout: it has {', '.join(root.names()[:8]) or 'nothing'}; expected the"
+            f"unknown layout: it has {listed(root.names(), 8) or 'nothing'}; expected the"
             " groups of Gadget, AREPO, SWIFT, Phantom, PySPH or SPH-EXA"
         )
 
