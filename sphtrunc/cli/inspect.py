@@ -12,8 +12,8 @@ from sphtrunc.output import emit
 
 @click.command(name="inspect")
 @click.argument("file", metavar="FILE")
+@options.dim_of_file
 @options.snapshot
-@click.option("--h", "length", metavar="H", help="Smoothing length of all, in place of the file's.")
 @options.formats("text", "json")
 @options.output
 def command(**given: Any) -> None:
@@ -25,7 +25,5 @@ def command(**given: Any) -> None:
     """
     from sphtrunc.study.contents import inspect
 
-    found = inspect(
-        given["file"], h=options.positive("h", given["length"]), **options.read_as(given)
-    )
+    found = inspect(given["file"], **options.read_as(given))
     emit(found.to_json() if given["format_"] == "json" else found.to_text(), given["output"])

@@ -80,9 +80,17 @@ def estimate(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+dim_of_file: Decorator = click.option(
+    "--dim", type=click.IntRange(1, 3), help="What the dimension of the file has to be."
+)
+
+
 def snapshot(command: Callable[..., Any]) -> Callable[..., Any]:
-    """--type, --dim, --columns and --period: how a file of particles is understood."""
+    """--type, --columns, --period and --h: how a file of particles is understood."""
     for option in (
+        click.option(
+            "--h", "length", metavar="H", help="Smoothing length of all, in place of the file's."
+        ),
         click.option(
             "--period",
             metavar="L",
@@ -94,9 +102,8 @@ def snapshot(command: Callable[..., Any]) -> Callable[..., Any]:
             help="What columns hold, where their names do not say it: x=pos_x,h=hsml.",
         ),
         click.option(
-            "--dim", type=click.IntRange(1, 3), help="What the dimension of the file has to be."
+            "--type", "kind", metavar="TYPE", help="Which particles of a file.  [default: type 0]"
         ),
-        click.option("--type", "kind", metavar="TYPE", help="Which particles.  [default: type 0]"),
     ):
         command = option(command)
     return command
@@ -112,6 +119,7 @@ def read_as(given: dict[str, Any]) -> dict[str, Any]:
         "dim": given["dim"],
         "columns": None if columns is None else chosen(columns),
         "period": period(given["period"]),
+        "h": positive("h", given["length"]),
     }
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 MODES = ("gather", "scatter", "mean")
+_PLAIN = 128  # 2^±128: cubes of such lengths are far from the ends of the range
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,27 @@ class Particles:
     def particles(self) -> int:
         """The number of particles."""
         return self.population
+
+    def in_plain_units(self) -> Particles:
+        """The same particles in a unit, a power of two, in which h is about 1, if h is so small or
+        so large that squares would leave the range of floats: sums in units of h are the same."""
+        exponent = int(np.frexp(float(self.h.max()))[1])
+        if abs(exponent) < _PLAIN:
+            return self
+
+        def scaled(values: Array | None, power: int = 1) -> Array | None:
+            for _ in range(0 if values is None else power):
+                values = np.ldexp(values, -exponent)
+            return values
+
+        return replace(
+            self,
+            x=np.ldexp(self.x, -exponent),
+            h=np.ldexp(self.h, -exponent),
+            given=scaled(self.given, self.dim),
+            period=scaled(self.period),
+            _trees={},
+        )
 
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours of a typical target, from a small sample."""

@@ -109,6 +109,7 @@ def one_pass(
     Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
     unknown engine, and where the box is smaller than twice the support.
     """
+    scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
     chosen, wanted = _targets(targets, scene.population)
@@ -357,6 +358,7 @@ def pairs_with_terms(
     (δ, γ) the term (−1)^{|δ|} V_b/h^d s^γ ∂^δŴ; (P,) each, a block of targets after the other."""
     from sphtrunc.experiment.engine import tree as neighbours
 
+    scene = scene.in_plain_units()
     task = plan(
         kernel,
         scene.dim,
