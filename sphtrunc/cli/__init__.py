@@ -15,6 +15,7 @@ COMMANDS = {
     "derive": "The truncation error of a kernel, exactly.",
     "measure": "The discrete sums themselves, on particles.",
     "inspect": "What is in a file of particles, and which kernel made its densities.",
+    "conserve": "What each momentum equation keeps, and at what error.",
     "kernels": "The catalogue of kernels and their constants.",
     "sweep": "Measure every combination of lists of options, resumably.",
     "tune": "Which h and Δx to take, and what limits the error.",
@@ -24,6 +25,7 @@ COMMANDS = {
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",
     "bench": "Run time against error, on this machine.",
+    "stability": "Which waves grow on a lattice: pairing, tension, time steps.",
 }
 
 

@@ -39,7 +39,7 @@ def _row(kernel: Kernel, dim: int) -> dict[str, object]:
         "boundary_smoothness": kernel.boundary_smoothness,
         "smoothness": kernel.smoothness,
         "normalisation": sigma,
-        "w0": sigma * kernel.pieces[0].eval(0),
+        "w0": sigma * kernel.central(),
         "second_moment": second,
         "smoothing_coefficient": second / (2 * dim),
     }

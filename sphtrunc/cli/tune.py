@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
-from textwrap import wrap
 from typing import Any
 
 import click
 
 from sphtrunc.cli import options
-from sphtrunc.output import emit
+from sphtrunc.output import emit, wrapped
 from sphtrunc.version import __version__
 
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
@@ -209,7 +208,7 @@ def _text(document: dict[str, Any]) -> str:
         "",
     ]
     if "runs" in document:
-        return "\n".join([*lines, *_table(document["runs"]), "", *_said(document["findings"])])
+        return "\n".join([*lines, *_table(document["runs"]), "", *wrapped(document["findings"])])
     best = document["recommended"][0]
     found = [
         f"Take {best['kernel']} with h = {1 / best['dx_over_h']:.3g} Δx: Δx/h ="
@@ -232,11 +231,11 @@ def _text(document: dict[str, Any]) -> str:
             f" {power_text('Δx', path['error'])} and neighbours grow as"
             f" {power_text('N', path['neighbours'])}."
         )
-    lines += [*_said(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
+    lines += [*wrapped(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
         now, loss = document["now"], document["loss"]
         lines += [_line({**now, "kernel": "now"}), ""]
-        lines += _said(
+        lines += wrapped(
             [
                 f"Now ({now['given']}, {now['kernel']}, as many particles): the error is"
                 f" {_share(now['error']['total'])}, {loss['error']:.3g} times the least for these"
@@ -260,7 +259,3 @@ def _table(runs: list[dict[str, Any]]) -> list[str]:
             f"{error:>10}{run['predicted']:>10.2e}  {parts}  {run['dominant']}"
         )
     return lines
-
-
-def _said(sentences: list[str]) -> list[str]:
-    return [line for text in sentences for line in wrap(text, 100, subsequent_indent="  ")]

@@ -23,7 +23,7 @@ from sphtrunc.experiment.fields import Bump, Values
 from sphtrunc.experiment.measurement import Block
 from sphtrunc.experiment.neighbour_sums import estimate, exact_derivatives
 from sphtrunc.experiment.task import Task, is_wave
-from sphtrunc.operators.operator import NESTED, PAIRED
+from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood
 from sphtrunc.scenes.particles import Particles
@@ -107,9 +107,7 @@ def _sum(
 
 def _density(task: Task, number: Any, block: Neighbourhood, volume: Any) -> Any:
     """ρ_a/ρ_b = (m_a V_b)/(m_b V_a), None where it is 1 throughout."""
-    if task.operator.form != "symmetric" or (
-        block.volume.shape == (1, 1) and block.particle is None
-    ):
+    if task.operator.form != SYMMETRIC or (block.volume.shape == (1, 1) and block.particle is None):
         return None
     particle = block.particle
     at_target = np.all(block.offset == 0.0, axis=0)

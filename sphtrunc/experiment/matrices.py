@@ -10,7 +10,7 @@ import numpy as np
 from sphtrunc.arithmetic.linear_systems import MOST_CONDITION, Health
 from sphtrunc.arithmetic.small_systems import solve
 from sphtrunc.experiment.engine import pair_sums, pairs_with_terms, volumes
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.scenes.particles import Particles
 
 if TYPE_CHECKING:
@@ -65,14 +65,14 @@ def weights(
         entries += terms[key] * (c[row] if isinstance(c, np.ndarray) else c)
     entries *= scale[row]
     own = np.zeros(index.size)
-    if operator.form == "symmetric":
+    if operator.form == SYMMETRIC:
         density = scene.mass / volumes(scene, kernel)
         ratio = density[index[row]] / density[column]
         own += np.bincount(row, weights=entries / ratio, minlength=index.size)
         entries *= ratio
     elif operator.uses_difference:
         own -= np.bincount(row, weights=entries, minlength=index.size)
-        own += float(operator.derivatives == 0)
+        own += float(operator.adds_own)
     size = (index.size, scene.population)
     matrix = csr_array((entries, (row, column)), shape=size)
     if np.any(own):

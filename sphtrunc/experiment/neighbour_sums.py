@@ -15,7 +15,7 @@ from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.kernels.values import kernel_values
 from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
-from sphtrunc.operators.operator import Operator
+from sphtrunc.operators.operator import SYMMETRIC, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def estimate(
     parts, sums = weights.coefficients(health)
     moments: dict[MultiIndex, Any] = {}
     if degree is not None:
-        factor = density if operator.form == "symmetric" else None
+        factor = density if operator.form == SYMMETRIC else None
         for alpha in multi_indices(dim, degree):
             for term, gamma in parts[0]:
                 key = term, add(alpha, gamma)
@@ -99,17 +99,16 @@ def estimate(
                     sums[key] = weights.total(key, factor)
             moments[alpha] = combine(parts[0], sums, alpha)
         if operator.uses_difference:
-            moments[zero] = number.number(np.full(_targets(s), float(operator.derivatives == 0)))
-        elif operator.form == "symmetric":
-            if factor is None:
-                moments[zero] = 2 * moments[zero]
-            else:
-                back = number.ratio(number.number(np.ones(1)), density)
-                moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
+            moments[zero] = number.number(np.full(_targets(s), float(operator.adds_own)))
+        elif factor is None:
+            moments[zero] = operator.zeroth(moments[zero])
+        else:
+            back = number.ratio(number.number(np.ones(1)), density)
+            moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
     found = []
     for one in fields:
         seen = one.difference
-        if operator.form == "symmetric":
+        if operator.form == SYMMETRIC:
             seen = _symmetric(number, one, density)
         elif not operator.uses_difference:
             seen = one.difference + one.own
@@ -234,7 +233,7 @@ def _contracted(
             return [found[1][0] - found[0][1]]
         return [found[(i + 2) % 3][(i + 1) % 3] - found[(i + 1) % 3][(i + 2) % 3] for i in range(3)]
     parts = list(found[0])
-    if operator.name == "value" and operator.form == "difference":
+    if operator.adds_own:
         return [parts[0] + fields[0].own]
     return parts
 

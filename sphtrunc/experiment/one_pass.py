@@ -21,7 +21,7 @@ from sphtrunc.experiment.measurement import Block
 from sphtrunc.experiment.neighbour_sums import _contracted, exact_derivatives
 from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.particles import Particles
 
@@ -93,7 +93,7 @@ def estimates(
     values = np.atleast_2d(np.asarray(fields, dtype=np.float64))
     count = 0 if values.size == 0 else len(values)
     density = None
-    if operator.form == "symmetric":
+    if operator.form == SYMMETRIC:
         if degree is not None:
             raise ValueError("degree: moments of the symmetric form depend on the field's density")
         density = scene.mass / volumes(scene, kernel)
@@ -141,8 +141,8 @@ def estimates(
     with ThreadPoolExecutor(threads(workers)) as pool:
         list(pool.map(finish, range(0, index.size, block)))
     if operator.uses_difference and moments:
-        moments[unit(dim, 0, 0)][:] = float(operator.derivatives == 0)
-    if operator.uses_difference and operator.derivatives == 0:
+        moments[unit(dim, 0, 0)][:] = float(operator.adds_own)
+    if operator.adds_own:
         out += values[:count, None, index]
     return Estimates(index, out, moments, neighbours, others, condition)
 
@@ -206,7 +206,7 @@ def in_one_pass(task: Task, targets: Any, workers: int) -> Block | None:
         and task.precision in ("plain", "compensated")
         and not task.bound
         and len(fields) == len(task.fields)
-        and not (operator.form in ("symmetric", NESTED) and task.degree is not None)
+        and not (operator.form in (SYMMETRIC, NESTED) and task.degree is not None)
     ):
         return None
     found = estimates(

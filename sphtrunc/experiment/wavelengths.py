@@ -32,7 +32,7 @@ from sphtrunc.experiment.measurement import Block, Measurement
 from sphtrunc.experiment.neighbour_sums import _terms, exact_derivatives
 from sphtrunc.experiment.statistics import _chosen, gathered, relative_width, squares, until
 from sphtrunc.experiment.task import Task
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import CELLS, Indices
 from sphtrunc.scenes.scene import Scene, paired
@@ -131,7 +131,7 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
             continue
         reach = [float(np.linalg.norm(_wave(t))) * float(t.kernel.support) for t in row]
         short = [x <= LONGEST for x in reach]
-        if row[0].operator.form == "symmetric" and block.volume.shape != (1, 1):
+        if row[0].operator.form == SYMMETRIC and block.volume.shape != (1, 1):
             short = [False] * len(row)
         series: list[Block] = []
         if any(short):
@@ -205,10 +205,7 @@ def _series(
                 work *= s[0]
             along = (n, *(0,) * (dim - 1))
             moments[n, c] = number.total(work) - exact.get(along, 0)
-    if operator.uses_difference:
-        moments[0] = 0.0
-    elif operator.form == "symmetric":
-        moments[0] *= 2.0
+    moments[0] *= operator.copies
     k = np.array([float(np.linalg.norm(_wave(t))) for t in tasks])
     series = np.array([k**n / factorial(n) for n in range(powers)]).T
     sign = np.array([(1.0, 1.0, -1.0, -1.0)[n % 4] for n in range(powers)])

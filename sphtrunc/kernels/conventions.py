@@ -180,7 +180,7 @@ def fwhm(kernel: Kernel) -> Expr:
     if not kernel.pieces and kernel.support > sqrt(log(2)):  # a Gaussian, exp(−q²)
         return 2 * sqrt(log(2))
     for a, b, piece in zip(kernel.knots, kernel.knots[1:], kernel.pieces, strict=False):
-        level = Poly(piece - kernel.pieces[0].eval(0) / 2, q, domain=QQ)
+        level = Poly(piece - kernel.central() / 2, q, domain=QQ)
         if level.is_zero:
             break
         for found in level.real_roots():

@@ -101,6 +101,10 @@ class Kernel:
         """The highest degree of any piece."""
         return max(int(p.degree()) for p in self.pieces if not p.is_zero)
 
+    def central(self, dim: int = 1) -> Rational:
+        """w(0) of the shape, in whatever dimension."""
+        return self.pieces[0].eval(0)
+
     @property
     def curved_at_0(self) -> bool:
         """Whether Ŵ″ exists at the origin in any dimension: w′(0) = 0."""

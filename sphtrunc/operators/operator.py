@@ -33,6 +33,8 @@ from sphtrunc.operators.corrections import (
 from sphtrunc.operators.moments import MultiIndex, multi_indices, unit
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Around, Key, Solver, Sums, Term
 
+#: the form of A_b ρ_a/ρ_b + A_a ρ_b/ρ_a
+SYMMETRIC = "symmetric"
 #: the form that takes neighbours at ±s together
 PAIRED = "paired"
 #: the form that has no terms of its own: a gradient's, twice
@@ -41,15 +43,15 @@ NESTED = "nested"
 #: operator: number of derivatives, forms (the first is the default)
 OPERATORS = {
     "value": (0, ("standard", "difference")),
-    "gradient": (1, ("standard", "difference", "symmetric", PAIRED)),
-    "divergence": (1, ("standard", "difference", "symmetric", PAIRED)),
-    "curl": (1, ("standard", "difference", "symmetric", PAIRED)),
+    "gradient": (1, ("standard", "difference", SYMMETRIC, PAIRED)),
+    "divergence": (1, ("standard", "difference", SYMMETRIC, PAIRED)),
+    "curl": (1, ("standard", "difference", SYMMETRIC, PAIRED)),
     "laplacian": (2, ("direct", "difference", BROOKSHAW, FATEHI_MANZARI, NESTED)),
     "hessian": (2, ("direct", "difference", NESTED)),
 }
 #: what the exact theory in `derive` covers
 FORMS = ("standard", "difference")
-UNCORRECTED = ("symmetric", PAIRED, BROOKSHAW, FATEHI_MANZARI)
+UNCORRECTED = (SYMMETRIC, PAIRED, BROOKSHAW, FATEHI_MANZARI)
 CORRECTIONS = ("none", "shepard", "csph", "csph-shepard", "rkpm-1", "rkpm-2", "rkpm-3")
 
 
@@ -106,9 +108,24 @@ class Operator:
         return OPERATORS[self.name][0]
 
     @property
+    def copies(self) -> int:
+        """1 + c where the estimate sees A_b + c A_a, for equal densities: how much of a constant
+        field it sees. 0 for differences, 1 for A_b alone, 2 for the symmetric form."""
+        return {"standard": 1, "direct": 1, SYMMETRIC: 2}.get(str(self.form), 0)
+
+    @property
     def uses_difference(self) -> bool:
         """The estimate sees differences of A only, not A_a itself."""
-        return self.form in ("difference", PAIRED, BROOKSHAW, FATEHI_MANZARI, NESTED)
+        return self.copies == 0
+
+    @property
+    def adds_own(self) -> bool:
+        """A value in the difference form is A_a plus what the sum over the differences gives."""
+        return self.derivatives == 0 and self.uses_difference
+
+    def zeroth(self, moment: Any) -> Any:
+        """M_0 of the estimate from that of its weights, for particles of equal density."""
+        return int(self.adds_own) if self.uses_difference else self.copies * moment
 
     def require_pairs(self, present: bool) -> None:
         """Raises ValueError where the form needs neighbours at ±s, and they are not present."""
@@ -241,10 +258,7 @@ class Operator:
         part = self.coefficients(sums, dim, solve)[axis]
         moments = {alpha: combine(part, sums, alpha) for alpha in multi_indices(dim, degree)}
         zero = unit(dim, 0, 0)
-        if self.uses_difference:
-            moments[zero] = 1 - min(self.derivatives, 1)
-        elif self.form == "symmetric":
-            moments[zero] = 2 * moments[zero]
+        moments[zero] = self.zeroth(moments[zero])
         return moments
 
     def _nested(

@@ -30,7 +30,8 @@ _BITS = 256  # of an irrational unit
 class Kind:
     """units: (p, q, n) for (p/q)^(1/n) along each axis; primitive: index step -> integer point;
     nearest: integer steps to the nearest neighbours, empty where they differ from site to site;
-    turned: the sites from which the lattice looks turned about, s → −s, None where there are none
+    turned: whether a site belongs to the second sublattice, from which the lattice is the mirror
+        image s → −s; None where all sites see the same
     """
 
     dim: int

@@ -56,6 +56,8 @@ def derive(
     volume: str = "constant",
     jitter: object = None,
     distribution: str = "gaussian",
+    h_gradient: object = None,
+    h_rule: str = "scatter",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
@@ -70,6 +72,8 @@ def derive(
     volume: "constant", or "summation" (all particles alike, 1/Σ W)
     jitter, distribution: σ/Δx along each axis, 0 to 10, and "gaussian", "uniform" or "blue": adds
         `scatter`, mean and spread of the moments when every particle is displaced at random
+    h_gradient, h_rule: h(x) = h_a (1 + g·s), g one number (along the first axis) or one per axis,
+        and whose h a pair takes, "gather", "scatter", "mean" or "mean-kernel": adds `varying`
 
     In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
     given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
@@ -109,7 +113,7 @@ def derive(
             discrete = _moments(operator, sums, dim, degree, "derived", around)
         else:
             discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
-    return Derivation(
+    result = Derivation(
         kernel=kernel,
         operator=operator,
         dim=dim,
@@ -130,6 +134,11 @@ def derive(
             kernel, operator, kind, ratio, shift, volume, min(degree, 6), jitter, distribution
         ),
     )
+    if h_gradient is None:
+        return result
+    from sphtrunc.theory.variable_h import varying
+
+    return varying(result, h_gradient, h_rule)
 
 
 def _offset(offset: object, dim: int) -> tuple[Rational, ...]:

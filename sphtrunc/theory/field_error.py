@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sphtrunc.arithmetic.summation import UNIT, depth
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.scenes.sites import in_pairs
 from sphtrunc.theory.disorder.averages import _Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours, mean_shift
@@ -188,8 +188,7 @@ def _exact(operator: Operator, dim: int, signals: Signals) -> Array:
     """What E should be, (K, C, F), less what the form adds itself."""
     rows = [sum(signals.derivative(mu) for mu in row) for row in operator.components(dim)]
     result = np.stack([np.asarray(row) for row in rows], axis=1)
-    adds_own = operator.derivatives == 0 and operator.uses_difference
-    return np.zeros_like(result) if adds_own else result
+    return np.zeros_like(result) if operator.adds_own else result
 
 
 def _propagated(
@@ -235,7 +234,7 @@ def _slopes(
     rows = dual_coefficients(operator, {key: stencil.base_sum(key) for key in needed}, stencil.dim)
     sampled = {key: stencil.sampled(key) for key in dict.fromkeys(k for part in rows for k in part)}
     difference, ahead = signals.difference(stencil.s), signals.gradient(stencil.s)
-    symmetric = operator.form == "symmetric"
+    symmetric = operator.form == SYMMETRIC
     result: dict[tuple[int, ...], Array] = {}
     for c, part in enumerate(rows):
         g, dg = (

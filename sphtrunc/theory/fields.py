@@ -197,20 +197,17 @@ def _limit_errors(
             row[alpha] = sum(
                 c * moment((term, add(alpha, gamma))) for (term, gamma), c in part.items()
             )
-            if alpha == zero and operator.uses_difference:
-                row[alpha] = 0
-            elif alpha == zero and operator.form == "symmetric":
-                row[alpha] *= 2
+            if alpha == zero:
+                row[alpha] *= operator.copies
         rows.append(row)
     if operator.form == NESTED:
         rows = [
             {mu: sum(shifted(rows[i], rows[j], mu) for i, j in row) for mu in alphas}
             for row in operator.axes(dim)
         ]
-    adds_own = operator.derivatives == 0 and operator.uses_difference
     result = []
     for row, target in zip(rows, operator.components(dim), strict=True):
-        exact = () if adds_own else target
+        exact = () if operator.adds_own else target
         result.append(
             {
                 mu: float(Fraction(1, prod(map(factorial, mu))) * row[mu] - (mu in exact))

@@ -59,7 +59,8 @@ def lattice_sums(
     """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
 
     volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
-    turned: only over the sites that `Kind.turned` calls so, or over the others; None: over all
+    turned: only over the sites of the second sublattice (`Kind.turned`), or of the first; None:
+        over all of them
     kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
     rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
     rational radial values occur (always in 1D; for kernels even in q on square and cubic lattices)

@@ -11,13 +11,12 @@ from sympy import Expr, Poly, Rational, latex
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.gaussian import Gaussian
-from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.euler_maclaurin import phased
 
 if TYPE_CHECKING:
-    from sphtrunc.theory.derivation import Derivation
+    from sphtrunc.theory.derivation import Derivation, Varying
     from sphtrunc.theory.euler_maclaurin import KnotTerm
 
 WIDTH = 100  # columns of a terminal
@@ -32,7 +31,8 @@ def text(d: Derivation) -> str:
         _kernel_text(d),
         _smoothness_text(d),
         _smoothing_text(d),
-        _discretisation_text(d) if d.dim == 1 else "",
+        _varying_text(d.varying, d.dim) if d.varying is not None else "",
+        _discretisation_text(d) if d.dim == 1 and d.varying is None else "",
         _aliasing_text(d) if d.aliasing is not None else "",
         _table_text(d) if d.discrete is not None else "",
         _scatter_text(d) if d.scatter is not None else "",
@@ -55,7 +55,7 @@ def _kernel_text(d: Derivation) -> str:
     sigma = kernel.normalisation(dim)
     constants = [
         f"σ = {_plain(sigma)} in {dim}D",
-        f"Ŵ(0) = {_plain(sigma * central(kernel, dim))}",
+        f"Ŵ(0) = {_plain(sigma * kernel.central(dim))}",
         f"∫s²Ŵ = {_plain(kernel.moment(2, dim))}",
     ]
     return "\n".join([*lines, *_wrapped(constants, "  ", "   ")])
@@ -103,6 +103,24 @@ def _smoothing_text(d: Derivation) -> str:
         else "it does not vanish with h"
     )
     return "\n".join([head, *_wrapped(terms, f"  {name} = ", " ")])
+
+
+def _varying_text(v: Varying, dim: int) -> str:
+    slope = ", ".join(str(g) for g in v.gradient)
+    lines = [
+        f"With h(x) = h (1 + g·s), g = {slope if dim == 1 else f'({slope})'}, rule {v.rule}: the"
+        " continuous limit"
+    ]
+    for alpha, value in v.limit.values.items():
+        text = str(value) if isinstance(value, Rational) else f"{float(value):.12f}"
+        powers = [
+            _signed(_product(c, ["g" + (_power(n) if n > 1 else "")] if n else []))
+            for n, c in enumerate(v.series.get(alpha, ()))
+            if c != 0
+        ]
+        shown = "" if isinstance(value, Rational) else " ".join([*powers, "+ …"]).removeprefix("+ ")
+        lines.append(f"  M({label(alpha)})".ljust(12) + f"{text:<18}{shown}".rstrip())
+    return "\n".join(lines)
 
 
 def _discretisation_text(d: Derivation) -> str:
@@ -220,8 +238,8 @@ def _table_text(d: Derivation) -> str:
         "\n  (smoothing: limit − exact value; discretisation: M − limit)"
     )
     rows = [("k", "M_k", "exact value", "smoothing", "discretisation")]
-    limit_error = d.limit.error
-    for alpha, value in (d.discrete - d.limit).items():
+    limit_error = d.continuous.error
+    for alpha, value in (d.discrete - d.continuous).items():
         exact = d.discrete.exact.get(alpha, 0)
         if d.dim > 1 and not any((exact, d.discrete[alpha], limit_error[alpha])):
             continue  # in 1D the zeros are shown, in space there are too many
@@ -360,11 +378,6 @@ def finite(value: float) -> int | str:
 
 def _reach(kernel: Any) -> str:
     return f"{kernel.support}h" if kernel.boundary_smoothness != float("inf") else "infinite"
-
-
-def central(kernel: Kernel | Gaussian, dim: int) -> Any:
-    """w(0) of the shape."""
-    return kernel.central(dim) if isinstance(kernel, Gaussian) else kernel.pieces[0].eval(0)
 
 
 def _title(operator: Operator) -> str:

@@ -68,8 +68,7 @@ def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
     """The fields as the form sees them, (K, F, …), for equal densities."""
     if operator.form == PAIRED:
         return np.asarray(0.5 * (signals.difference(s) - signals.difference(-s)))
-    copies = 0.0 if operator.uses_difference else 2.0 if operator.form == "symmetric" else 1.0
-    return np.asarray((signals.difference(s).T + copies * signals.own.T).T)
+    return np.asarray((signals.difference(s).T + operator.copies * signals.own.T).T)
 
 
 class _Particles:

@@ -21,11 +21,6 @@ if TYPE_CHECKING:
     from sympy import Expr
 
 
-def _copies(operator: Operator, alpha: MultiIndex) -> int:
-    """The symmetric form of equal densities has A_b + A_a: its M_0 is twice that of A_b alone."""
-    return 2 if operator.form == "symmetric" and not any(alpha) else 1
-
-
 def moment_rows(part: Mapping[Key, Any], alpha: MultiIndex) -> list[Row]:
     """The function that a moment samples, M_α = V Σ_b g(s_b), as rows c s^β f(q)."""
     return [
@@ -55,11 +50,12 @@ def leading_coefficient(
         )
     dim = dimension(len(alpha))
     part = operator.coefficients({}, dim)[axis]
-    if operator.uses_difference and not any(alpha):
+    copies = 1 if any(alpha) else operator.copies
+    if not copies:
         from sympy import Integer
 
         return Integer(0)
-    return _copies(operator, alpha) ** 2 * gradient_norm(kernel, tuple(moment_rows(part, alpha)))
+    return copies**2 * gradient_norm(kernel, tuple(moment_rows(part, alpha)))
 
 
 @lru_cache(maxsize=512)

@@ -30,7 +30,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.sites import in_pairs
 from sphtrunc.theory.disorder.averages import scattered_moments
 from sphtrunc.theory.disorder.debye_waller import finite_ratio, gaussian_shift
-from sphtrunc.theory.disorder.leading_law import _copies, moment_rows
+from sphtrunc.theory.disorder.leading_law import moment_rows
 from sphtrunc.theory.disorder.nested import SecondNeighbours, mean_shift
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, mixing, second_order
@@ -133,7 +133,7 @@ def predict(
         for alpha in moving:
             rows = moment_rows(part, alpha)
             damped = gaussian_shift(kernel, rows, kind, dx_over_h, offset, sigma)
-            mean[alpha] = float(values[alpha]) + _copies(operator, alpha) * damped
+            mean[alpha] = float(values[alpha]) + (1 if any(alpha) else operator.copies) * damped
         if how.startswith("first"):
             how = "closed form for Gaussian displacements"
             for alpha in variance:

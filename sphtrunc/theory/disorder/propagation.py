@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.dual import Dual, dual_solve
 from sphtrunc.operators.moments import MultiIndex, multi_indices
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.disorder.sensitivities import Stencil
 from sphtrunc.theory.fields import Taylor
@@ -46,7 +46,7 @@ def propagate(
     if operator.form == NESTED:
         return moment_slopes(kernel, operator, kind, dx_over_h, offset, volume, degree, axis, moved)
     stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
-    symmetric = operator.form == "symmetric"
+    symmetric = operator.form == SYMMETRIC
     keys = operator.needed(stencil.dim, degree)
     sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}
     moments = operator.correct(sums, stencil.dim, degree, axis, dual_solve)
