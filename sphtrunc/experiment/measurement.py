@@ -273,8 +273,8 @@ class Measurement:
             lines.append(
                 "Estimate      mean           rms            1 %            median         99 %"
             )
-            for name, row in zip(self.components, self.estimate, strict=True):
-                figures = [row[key] for key in ("mean", "rms", "p1", "p50", "p99")]
+            for name, values in zip(self.components, self.estimate, strict=True):
+                figures = [values[key] for key in ("mean", "rms", "p1", "p50", "p99")]
                 lines.append(f"  {name:<10}" + "".join(f"{x:>14.6e} " for x in figures).rstrip())
         rows = self.moment_statistics()
         if rows:

@@ -77,7 +77,9 @@ class Particles:
             return self
 
         def scaled(values: Array | None, power: int = 1) -> Array | None:
-            for _ in range(0 if values is None else power):
+            if values is None:
+                return None
+            for _ in range(power):
                 values = np.ldexp(values, -exponent)
             return values
 

@@ -100,9 +100,9 @@ def assigned(
             )
     candidates: dict[str, list[str]] = {}
     for name, components in columns.items():
-        quantity = meaning(name, components)
-        if quantity is not None and name not in choice.values():
-            candidates.setdefault(quantity, []).append(name)
+        said = meaning(name, components)
+        if said is not None and name not in choice.values():
+            candidates.setdefault(said, []).append(name)
     found = dict(choice)
     for quantity, names in candidates.items():
         whole = quantity.partition(".")[0]

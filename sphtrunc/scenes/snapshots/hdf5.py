@@ -129,7 +129,7 @@ class Group:
         data = self._dataset(name)
         if data.dtype.kind != "S" or data.shape not in ((), (1,)) or data.dtype.itemsize > 4096:
             return ""
-        return np.asarray(data[()]).reshape(-1)[0].decode("utf-8", "replace").strip()
+        return bytes(np.asarray(data[()]).reshape(-1)[0]).decode("utf-8", "replace").strip()
 
     def _plain(self, name: str) -> Any:
         """The dataset if it holds numbers along one or two axes; None otherwise."""

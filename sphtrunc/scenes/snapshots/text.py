@@ -32,7 +32,8 @@ def read(path: Path, kind: str | None) -> Table:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"byte {error.start:,} is no UTF-8 text") from None
-    comment, lines = "", []
+    comment = ""
+    lines: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
         if line.lstrip().startswith("#"):
             comment = comment if lines else line.lstrip().lstrip("#").strip()

@@ -134,8 +134,8 @@ def _arrays(source: _Reader) -> dict[str, NDArray[Any]]:
         elif word == "FIELD":
             _expect(words, 3)
             for _ in range(whole("FIELD", words[2])):
-                name, width, rows, kind, *_ = [*source.line(), "", "", "", ""]
-                cells, tuples = whole(name, width, 1), whole(name, rows)
+                name, parts, rows, kind, *_ = [*source.line(), "", "", "", ""]
+                cells, tuples = whole(name, parts, 1), whole(name, rows)
                 if here == "POINT_DATA" and tuples != points:
                     raise ValueError(f"{name[:40]}: {tuples:,} entries for {points:,} points")
                 _keep(arrays, here, name, source.numbers(name, kind, cells * tuples), cells)
