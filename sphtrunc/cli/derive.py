@@ -35,6 +35,10 @@ from sphtrunc.theory.deriving import derive
     type=click.Choice(RULES),
     help="Whose h a pair takes.  [default: scatter]",
 )
+@options.wall
+@options.wall_at
+@options.wall_weight
+@options.ghosts
 @options.formats("text", "latex", "json")
 @options.output
 def command(
@@ -52,6 +56,10 @@ def command(
     volume: str,
     h_gradient: str | None,
     h_rule: str | None,
+    wall: str | None,
+    wall_at: str | None,
+    wall_weight: str | None,
+    ghosts: str,
     format_: str,
     output: str | None,
 ) -> None:
@@ -63,6 +71,8 @@ def command(
     sphtrunc derive --kernel 'pos(2-q)^3 - 4*pos(1-q)^3' --dx-over-h 10/13 --format json
     sphtrunc derive --kernel wendland-c2 --dim 2 --dx-over-h 0.6 --jitter 0.05
     sphtrunc derive --kernel cubic-spline --h-gradient 1/5 --h-rule scatter
+    sphtrunc derive --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way
+    sphtrunc derive --kernel cubic-spline --dim 3 --correction csph --form difference --wall
     """
     if h_rule is not None and h_gradient is None:
         raise ValueError("h-rule: nothing varies; expected --h-gradient G as well")
@@ -81,6 +91,10 @@ def command(
         distribution=distribution,
         h_gradient=h_gradient.split(",") if h_gradient and "," in h_gradient else h_gradient,
         h_rule=h_rule or "scatter",
+        wall=wall,
+        wall_at=wall_at,
+        wall_weight=wall_weight,
+        ghosts=ghosts,
     )
     render = {"text": result.to_text, "latex": result.to_latex, "json": result.to_json}
     emit(render[format_](), output)

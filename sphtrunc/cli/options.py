@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from sphtrunc.operators.operator import CORRECTIONS, OPERATORS
+from sphtrunc.scenes.walls import GHOSTS
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -49,6 +50,31 @@ distribution: Decorator = click.option(
     default="gaussian",
     show_default=True,
     help="Of the displacements.",
+)
+wall: Decorator = click.option(
+    "--wall",
+    metavar="[ETA]",
+    is_flag=False,
+    flag_value="eta",
+    help="A plane wall or free surface, at this distance from the target in h; without a number:"
+    " as functions of the distance.",
+)
+wall_at: Decorator = click.option(
+    "--wall-at",
+    metavar="PLACE",
+    help="Where the lattice has the wall: particle, half-way, or P/Q steps before the first plane.",
+)
+wall_weight: Decorator = click.option(
+    "--wall-weight",
+    metavar="P/Q",
+    help="What part of a particle on the wall counts.  [default: 1/2]",
+)
+ghosts: Decorator = click.option(
+    "--ghosts",
+    type=click.Choice(GHOSTS),
+    default="none",
+    show_default=True,
+    help="Beyond the wall: nothing; images with A or with 2 A_wall - A; dummies with Shepard means.",
 )
 
 

@@ -80,9 +80,7 @@ def _gradient(
 def _moment(kernel: Kernel, key: Key, side: str) -> tuple[Any, ...]:
     """A moment with h = h_a e^{εs₁/d}, in powers of ε."""
     dim = len(key[1])
-    profile = {
-        unit(dim, 0, n): Fraction(1, dim**n * factorial(n)) for n in range(1, _ORDER + 1)
-    }
+    profile = {unit(dim, 0, n): Fraction(1, dim**n * factorial(n)) for n in range(1, _ORDER + 1)}
     return tuple(orders(kernel, key, profile, _RULE_OF[side], _ORDER))
 
 

@@ -22,6 +22,7 @@ from sphtrunc.version import __version__
 if TYPE_CHECKING:
     from sphtrunc.theory.aliasing import Aliasing
     from sphtrunc.theory.disorder.prediction import Prediction
+    from sphtrunc.theory.wall_derivation import WallView
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Derivation:
     find_orders, find_aliasing: derive `orders` and `aliasing` when they are first asked for
     scatter: mean and spread of the moments where the particles are displaced (None without jitter)
     varying: the limit with a gradient of h (None without one); `discrete` has it too, `terms` not
+    wall: the plane that cuts the support (None without one)
     """
 
     kernel: Kernel | Gaussian
@@ -65,9 +67,10 @@ class Derivation:
     volume: str
     discrete: Moments | None
     find_orders: Callable[[], Orders] = field(repr=False, compare=False)
-    find_aliasing: Callable[[], Aliasing] = field(repr=False, compare=False)
+    find_aliasing: Callable[[], Aliasing | None] = field(repr=False, compare=False)
     scatter: Prediction | None = None
     varying: Varying | None = None
+    wall: WallView | None = None
 
     @cached_property
     def orders(self) -> Orders:
@@ -186,6 +189,8 @@ class Derivation:
             result["volume"] = self.volume
             result["discrete_moments"] = self.discrete.to_dict()
             result["predicted"] = self._predicted()
+        if self.wall is not None:
+            result |= self.wall.to_dict(self.limit)
         return {**result, "version": __version__}
 
     def _predicted(self) -> dict[str, Any]:

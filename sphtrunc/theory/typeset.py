@@ -27,6 +27,11 @@ _PRIMES = {0: "", 1: "′", 2: "″", 3: "‴"}
 
 def text(d: Derivation) -> str:
     """What a person reads first; at most 100 columns, deterministic."""
+    if d.wall is not None:
+        from sphtrunc.theory.wall_text import wall_text
+
+        table = _table_text(d) if d.discrete is not None else ""
+        return "\n\n".join(block for block in (_kernel_text(d), wall_text(d), table) if block)
     blocks = [
         _kernel_text(d),
         _smoothness_text(d),
