@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
+    from sphtrunc.study.error_map import error_map as error_map
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
 
@@ -42,6 +43,7 @@ _PUBLIC = {
     "Operator": "operators.operator",
     "compare": "study.comparison",
     "derive": "theory.deriving",
+    "error_map": "study.error_map",
     "field": "experiment.fields",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
