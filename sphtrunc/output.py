@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
+from textwrap import wrap
 
 
 def write_atomically(path: str | Path, text: str | bytes) -> None:
@@ -33,6 +35,11 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
         raise ValueError(f"output {target}: {error.strerror or error}") from None
+
+
+def wrapped(sentences: Iterable[str]) -> list[str]:
+    """Sentences as lines of a terminal, what follows the first of each set in."""
+    return [line for text in sentences for line in wrap(text, 100, subsequent_indent="  ")]
 
 
 def emit(text: str, path: str | Path | None) -> None:

@@ -190,10 +190,10 @@ def test_theory_and_experiment_do_not_know_each_other(one: str, other: str) -> N
 
 
 def test_theory_sees_descriptions_of_scenes_alone() -> None:
-    """Sites of lattices, never arrays of neighbours."""
+    """Sites of lattices and where walls are, never arrays of neighbours."""
     for name in modules_in("theory"):
         seen = {n for n in reachable(name, lazy=True) if folder_of(n) == "scenes"}
-        assert seen <= {"scenes", "scenes.sites"}, (name, seen)
+        assert seen <= {"scenes", "scenes.sites", "scenes.walls"}, (name, seen)
 
 
 EXACT = [  # what `derive` in 1D runs with

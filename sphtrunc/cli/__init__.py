@@ -14,15 +14,22 @@ from sphtrunc.version import __version__
 COMMANDS = {
     "derive": "The truncation error of a kernel, exactly.",
     "measure": "The discrete sums themselves, on particles.",
+    "inspect": "What is in a file of particles, and which kernel made its densities.",
+    "conserve": "What each momentum equation keeps, and at what error.",
+    "map": "Where in the particles of a file the sums are wrong, by how much, and why.",
     "kernels": "The catalogue of kernels and their constants.",
     "sweep": "Measure every combination of lists of options, resumably.",
     "tune": "Which h and Δx to take, and what limits the error.",
+    "wall": "What every remedy leaves of the error near a wall.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
+    "structure": "The structure factor of particles: how they are disordered.",
+    "relax": "Particles that have moved apart: periodic glasses.",
     "audit": "Check anybody's kernel: constant, derivative, smoothing length.",
     "identify": "Recognise a constant: which kernel, dimension and convention.",
     "export": "Golden values of a kernel for the tests of other codes.",
     "bench": "Run time against error, on this machine.",
+    "stability": "Which waves grow on a lattice: pairing, tension, time steps.",
 }
 
 

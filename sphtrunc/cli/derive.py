@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from sphtrunc.cli import options
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.output import emit
 from sphtrunc.theory.deriving import derive
 
@@ -28,6 +29,16 @@ from sphtrunc.theory.deriving import derive
     show_default=True,
     help="Volume of a particle: Δx^d, half-way to the neighbours (1D), or m/ρ.",
 )
+@click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
+@click.option(
+    "--h-rule",
+    type=click.Choice(RULES),
+    help="Whose h a pair takes.  [default: scatter]",
+)
+@options.wall
+@options.wall_at
+@options.wall_weight
+@options.ghosts
 @options.formats("text", "latex", "json")
 @options.output
 def command(
@@ -43,6 +54,12 @@ def command(
     jitter: str | None,
     distribution: str,
     volume: str,
+    h_gradient: str | None,
+    h_rule: str | None,
+    wall: str | None,
+    wall_at: str | None,
+    wall_weight: str | None,
+    ghosts: str,
     format_: str,
     output: str | None,
 ) -> None:
@@ -53,7 +70,12 @@ def command(
     sphtrunc derive --kernel wendland-c2 --dim 3 --lattice bcc --dx-over-h 1/2
     sphtrunc derive --kernel 'pos(2-q)^3 - 4*pos(1-q)^3' --dx-over-h 10/13 --format json
     sphtrunc derive --kernel wendland-c2 --dim 2 --dx-over-h 0.6 --jitter 0.05
+    sphtrunc derive --kernel cubic-spline --h-gradient 1/5 --h-rule scatter
+    sphtrunc derive --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way
+    sphtrunc derive --kernel cubic-spline --dim 3 --correction csph --form difference --wall
     """
+    if h_rule is not None and h_gradient is None:
+        raise ValueError("h-rule: nothing varies; expected --h-gradient G as well")
     result = derive(
         kernel,
         operator,
@@ -67,6 +89,12 @@ def command(
         volume=volume,
         jitter=jitter,
         distribution=distribution,
+        h_gradient=h_gradient.split(",") if h_gradient and "," in h_gradient else h_gradient,
+        h_rule=h_rule or "scatter",
+        wall=wall,
+        wall_at=wall_at,
+        wall_weight=wall_weight,
+        ghosts=ghosts,
     )
     render = {"text": result.to_text, "latex": result.to_latex, "json": result.to_json}
     emit(render[format_](), output)

@@ -21,7 +21,7 @@ def shifted(
     there and the powers of its offset, or from the sums of either."""
     return sum(
         _times(_times(powers[_minus(alpha, beta)], moments[beta]), _binomial(alpha, beta))
-        for beta in _below(alpha)
+        for beta in below(alpha)
     )
 
 
@@ -89,14 +89,14 @@ def _reproducing(
     basis = list(multi_indices(dim, degree))
     matrix = [[sums[zero, add(a, b)] for b in basis] for a in basis]
     c = {zero: [row[0] for row in solve(matrix, [[int(a == zero)] for a in basis])]}
-    lower = dict.fromkeys(nu for mu in targets for nu in _below(mu))
+    lower = dict.fromkeys(nu for mu in targets for nu in below(mu))
     for order in range(1, 1 + max(sum(mu) for mu in targets)):
         level = [nu for nu in lower if sum(nu) == order]
         columns = [
             [
                 -sum(
                     _binomial(nu, tau) * _slope(sums, tau, add(a, b)) * x
-                    for tau in _below(nu)
+                    for tau in below(nu)
                     if tau != zero
                     for b, x in zip(basis, c[_minus(nu, tau)], strict=True)
                 )
@@ -109,7 +109,7 @@ def _reproducing(
     return [
         _weighted(
             (_binomial(mu, nu) * x, _derived(nu, a))
-            for nu in _below(mu)
+            for nu in below(mu)
             for a, x in zip(basis, c[_minus(mu, nu)], strict=True)
         )
         for mu in targets
@@ -122,7 +122,7 @@ def _derived(nu: MultiIndex, alpha: MultiIndex) -> dict[Key, int]:
         (_minus(nu, k), _minus(alpha, k)): (-1) ** sum(k)
         * _binomial(nu, k)
         * prod(perm(a, n) for a, n in zip(alpha, k, strict=True))
-        for k in _below(nu)
+        for k in below(nu)
         if all(n <= a for n, a in zip(k, alpha, strict=True))
     }
 
@@ -132,7 +132,7 @@ def _slope(sums: Sums, nu: MultiIndex, alpha: MultiIndex) -> Any:
     return sum(c * sums[key] for key, c in _derived(nu, alpha).items())
 
 
-def _below(mu: MultiIndex) -> list[MultiIndex]:
+def below(mu: MultiIndex) -> list[MultiIndex]:
     """All ν <= μ."""
     return list(product(*(range(n + 1) for n in mu)))
 

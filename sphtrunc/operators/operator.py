@@ -31,7 +31,16 @@ from sphtrunc.operators.corrections import (
     shifted,
 )
 from sphtrunc.operators.moments import MultiIndex, multi_indices, unit
-from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Around, Key, Solver, Sums, Term
+from sphtrunc.operators.terms import (
+    BROOKSHAW,
+    FATEHI_MANZARI,
+    Around,
+    Key,
+    Reader,
+    Solver,
+    Sums,
+    Term,
+)
 
 #: the form of A_b ρ_a/ρ_b + A_a ρ_b/ρ_a
 SYMMETRIC = "symmetric"
@@ -245,6 +254,7 @@ class Operator:
         axis: int = 0,
         solve: Solver | None = None,
         around: Around | None = None,
+        read: Reader | None = None,
     ) -> dict[MultiIndex, Any]:
         """The moments M_α, |α| <= degree, of the component `axis`, from the base sums (for the
         symmetric form: of particles of equal density).
@@ -252,11 +262,14 @@ class Operator:
         around: for the nested form, what the neighbours see: for each sort of particles the part
             of `sums` over these, and the sums at one of them; None where the target is a particle
             and all are alike
+        read: Σ_b w_b ⟨s^α⟩_b from the coefficients of the weights, where the value of a particle is
+            not that of the field at its place
         """
+        read = read or (lambda part, alpha: combine(part, sums, alpha))
         if self.form == NESTED:
             return self._nested(sums, dim, degree, axis, solve, around or [(sums, sums)])
         part = self.coefficients(sums, dim, solve)[axis]
-        moments = {alpha: combine(part, sums, alpha) for alpha in multi_indices(dim, degree)}
+        moments = {alpha: read(part, alpha) for alpha in multi_indices(dim, degree)}
         zero = unit(dim, 0, 0)
         moments[zero] = self.zeroth(moments[zero])
         return moments

@@ -19,6 +19,7 @@ Key = tuple[Term, MultiIndex]  # (δ, α)
 Row = tuple[Any, MultiIndex, int]  # (c, β, k): c s^β f_k(q)
 Sums = Mapping[Key, Any]
 Around = Sequence[tuple[Sums, Sums]]  # see `Operator.correct`
+Reader = Callable[[Mapping[Key, Any], MultiIndex], Any]  # likewise
 Solver = Callable[[Sequence[Sequence[Any]], Sequence[Sequence[Any]]], list[list[Any]]]
 
 #: terms beside the derivatives of the kernel: −Ŵ′/q and −Ŵ′/q³ (without the particle at s = 0)

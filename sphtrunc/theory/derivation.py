@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from sympy import Expr, Rational
 
 from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.kernels.kernel import Kernel
-from sphtrunc.operators.moments import Moments, label, unit
+from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory import typeset
 from sphtrunc.theory.euler_maclaurin import KnotTerm
@@ -22,6 +22,22 @@ from sphtrunc.version import __version__
 if TYPE_CHECKING:
     from sphtrunc.theory.aliasing import Aliasing
     from sphtrunc.theory.disorder.prediction import Prediction
+    from sphtrunc.theory.wall_derivation import WallView
+
+
+@dataclass(frozen=True)
+class Varying:
+    """The continuous limit where the smoothing length is h(x) = h_a (1 + g·s).
+
+    gradient: g = dh/dx along each axis; rule: whose h a pair takes
+    limit: the moments, exact where their series ends and to 30 digits elsewhere
+    series: multi-index -> coefficients of powers of g, exactly; empty where g is not along x
+    """
+
+    gradient: tuple[Rational, ...]
+    rule: str
+    limit: Moments
+    series: Mapping[MultiIndex, Sequence[Rational]]
 
 
 @dataclass(frozen=True)
@@ -34,6 +50,8 @@ class Derivation:
     discrete: the moments at the given Δx/h and offset (None without a ratio)
     find_orders, find_aliasing: derive `orders` and `aliasing` when they are first asked for
     scatter: mean and spread of the moments where the particles are displaced (None without jitter)
+    varying: the limit with a gradient of h (None without one); `discrete` has it too, `terms` not
+    wall: the plane that cuts the support (None without one)
     """
 
     kernel: Kernel | Gaussian
@@ -49,8 +67,10 @@ class Derivation:
     volume: str
     discrete: Moments | None
     find_orders: Callable[[], Orders] = field(repr=False, compare=False)
-    find_aliasing: Callable[[], Aliasing] = field(repr=False, compare=False)
+    find_aliasing: Callable[[], Aliasing | None] = field(repr=False, compare=False)
     scatter: Prediction | None = None
+    varying: Varying | None = None
+    wall: WallView | None = None
 
     @cached_property
     def orders(self) -> Orders:
@@ -61,7 +81,7 @@ class Derivation:
     def aliasing(self) -> Aliasing | None:
         """The reasons for the discretisation error of a lattice in 2D and 3D; None in 1D, where
         `terms` say all."""
-        return self.find_aliasing() if self.dim > 1 else None
+        return self.find_aliasing() if self.dim > 1 and self.varying is None else None
 
     @property
     def smoothing_error(self) -> list[tuple[int, int, Rational]]:
@@ -74,13 +94,18 @@ class Derivation:
         return rows
 
     @property
+    def continuous(self) -> Moments:
+        """The moments for Δx/h → 0, with the gradient of h where there is one."""
+        return self.limit if self.varying is None else self.varying.limit
+
+    @property
     def discretisation(self) -> dict[Any, Any]:
         """M_k at Δx/h minus its limit for Δx/h → 0; ValueError if no ratio was given."""
         if self.discrete is None:
             raise ValueError(
                 "derivation: no ratio Δx/h was given, so there are no discrete moments"
             )
-        differences = (self.discrete - self.limit).items()
+        differences = (self.discrete - self.continuous).items()
         return {alpha[0] if self.dim == 1 else alpha: value for alpha, value in differences}
 
     @property
@@ -149,6 +174,10 @@ class Derivation:
             ],
             "orders": orders,
         }
+        if self.varying is not None:
+            result["h_gradient"] = [str(g) for g in self.varying.gradient]
+            result["h_rule"] = self.varying.rule
+            result["limit_moments"] = self.varying.limit.to_dict()
         if self.aliasing is not None:
             result["aliasing"] = self.aliasing.to_dict()
         if self.discrete is not None:
@@ -160,6 +189,8 @@ class Derivation:
             result["volume"] = self.volume
             result["discrete_moments"] = self.discrete.to_dict()
             result["predicted"] = self._predicted()
+        if self.wall is not None:
+            result |= self.wall.to_dict(self.limit)
         return {**result, "version": __version__}
 
     def _predicted(self) -> dict[str, Any]:
@@ -186,7 +217,11 @@ class Derivation:
 
     def to_text(self) -> str:
         """What a person reads first; at most 100 columns, deterministic."""
-        return typeset.text(self)
+        if self.wall is None:
+            return typeset.text(self)
+        from sphtrunc.theory.wall_text import text
+
+        return text(self)
 
     def __str__(self) -> str:
         return self.to_text()

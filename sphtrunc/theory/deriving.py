@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sympy import Expr, Rational, floor, radsimp
 
@@ -30,7 +30,7 @@ from sphtrunc.theory.euler_maclaurin import (
     _terms,
     euler_maclaurin_sums,
 )
-from sphtrunc.theory.lattice_sums import lattice_moments
+from sphtrunc.theory.lattice_sums import lattice_moments, rounded
 from sphtrunc.theory.limit import _moments, continuous_sum
 from sphtrunc.theory.orders import _orders
 
@@ -56,6 +56,12 @@ def derive(
     volume: str = "constant",
     jitter: object = None,
     distribution: str = "gaussian",
+    h_gradient: object = None,
+    h_rule: str = "scatter",
+    wall: object = None,
+    wall_at: object = None,
+    wall_weight: object = None,
+    ghosts: str = "none",
 ) -> Derivation:
     """The truncation error of an SPH estimate, exactly.
 
@@ -70,6 +76,14 @@ def derive(
     volume: "constant", or "summation" (all particles alike, 1/Σ W)
     jitter, distribution: σ/Δx along each axis, 0 to 10, and "gaussian", "uniform" or "blue": adds
         `scatter`, mean and spread of the moments when every particle is displaced at random
+    h_gradient, h_rule: h(x) = h_a (1 + g·s), g one number (along the first axis) or one per axis,
+        and whose h a pair takes, "gather", "scatter", "mean" or "mean-kernel": adds `varying`
+    wall: η, the distance of the target in h from a plane wall or a free surface normal to the first
+        axis, or "eta" for the moments as functions of it
+    wall_at: where the lattice has the wall: "particle", "half-way" or the steps to the first plane
+        of particles; None: where the offset puts it
+    wall_weight: what part of a particle on the wall counts, 1/2 unless given
+    ghosts: beyond the wall: "none", "mirror", "odd" (2 A_wall − A) or "dummy" (Shepard means)
 
     In 1D the discretisation error is known term by term at every ratio; elsewhere the moments at a
     given ratio are summed, exactly where the numbers are rational and to 30 digits where not.
@@ -91,6 +105,28 @@ def derive(
     theta = shift[0]
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
+    if wall is not None:
+        if jitter is not None or volume != "constant" or h_gradient is not None:
+            raise ValueError(
+                "wall: displaced particles, summed volumes and a varying h beside a wall are not"
+                " derived here; expected no jitter, no h-gradient, and volume constant"
+            )
+        from sphtrunc.theory.wall_derivation import beside
+
+        return beside(
+            derive(kernel, operator, dim=dim, degree=degree),
+            wall,
+            at=wall_at,
+            ghosts=ghosts,
+            weight=wall_weight,
+            dx_over_h=ratio,
+            shift=shift,
+            lattice=kind,
+        )
+    if wall_at is not None or wall_weight is not None or ghosts != "none":
+        raise ValueError(
+            "wall-at, wall-weight, ghosts: belong to a wall; expected --wall η as well"
+        )
     operator.require_pairs(in_pairs(kind, shift))
     needed = operator.needed(dim, degree)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
@@ -109,7 +145,7 @@ def derive(
             discrete = _moments(operator, sums, dim, degree, "derived", around)
         else:
             discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
-    return Derivation(
+    result = Derivation(
         kernel=kernel,
         operator=operator,
         dim=dim,
@@ -130,6 +166,11 @@ def derive(
             kernel, operator, kind, ratio, shift, volume, min(degree, 6), jitter, distribution
         ),
     )
+    if h_gradient is None:
+        return result
+    from sphtrunc.theory.variable_h import varying
+
+    return varying(result, h_gradient, h_rule)
 
 
 def _offset(offset: object, dim: int) -> tuple[Rational, ...]:
@@ -157,13 +198,6 @@ def _lattice(lattice: str | None, dim: int, volume: str, ratio: Expr | None) -> 
     return kind
 
 
-def _rounded(m: Any) -> Expr:
-    """A 50-digit number to 40 decimals and 30 digits."""
-    from sympy import Float
-
-    return Float(Rational(int(m.context.nint(m * 10**40)), 10**40), 30)
-
-
 def _summed(
     kernel: Kernel | Gaussian,
     operator: Operator,
@@ -188,7 +222,7 @@ def _summed(
     found = lattice_moments(
         kernel, operator, kind, step, offset, degree, exact=linear, volume=volume
     )
-    values = {a: m if isinstance(m, (int, Expr)) else _rounded(m) for a, m in found.items()}
+    values = {a: m if isinstance(m, (int, Expr)) else rounded(m) for a, m in found.items()}
     return Moments(values, operator.target(dim), operator.derivatives, "derived")
 
 

@@ -17,7 +17,7 @@ from functools import cache, lru_cache
 from math import lcm, prod
 from typing import TYPE_CHECKING, Any
 
-from sympy import Rational
+from sympy import Expr, Float, Rational
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.factors import laurent
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from sphtrunc.kernels.gaussian import Gaussian
+
+Planes = tuple[int | None, int | None]  # from an index along the first axis to another
 
 DIGITS = 50
 _FINE = 192  # bits of a coordinate that is not rational
@@ -46,6 +48,12 @@ def real_context() -> Any:
     return context
 
 
+def rounded(m: Any, decimals: int = 40) -> Expr:
+    """A 50-digit number to so many decimals, and ten digits fewer."""
+    scale = 10**decimals
+    return Float(Rational(int(m.context.nint(m * scale)), scale), decimals - 10)
+
+
 def lattice_sums(
     kernel: Kernel | Gaussian,
     keys: Iterable[Key],
@@ -55,12 +63,14 @@ def lattice_sums(
     exact: bool = True,
     volume: str = "constant",
     turned: bool | None = None,
+    planes: Planes | None = None,
 ) -> dict[Key, Any]:
     """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
 
     volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
     turned: only over the sites of the second sublattice (`Kind.turned`), or of the first; None:
         over all of them
+    planes: only over the sites from one index along the first axis to another; None: no end
     kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
     rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
     rational radial values occur (always in 1D; for kernels even in q on square and cubic lattices)
@@ -77,7 +87,7 @@ def lattice_sums(
         density = lattice_sums(kernel, [zero], kind, dx_over_h, home, exact)[zero]
         sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, "constant", turned)
         return {key: value / density for key, value in sums.items()}
-    shells = _shells(kind, dx_over_h, tuple(offset), fraction(kernel.support), turned)
+    shells = _shells(kind, dx_over_h, tuple(offset), fraction(kernel.support), turned, planes)
     dim = len(offset)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
     factors = {k for key in keys for _, _, k in parts(key)}
@@ -134,6 +144,7 @@ class _Shells:
         offset: tuple[Fraction, ...],
         support: Fraction,
         turned: bool | None,
+        planes: Planes | None,
     ) -> None:
         import numpy as np
 
@@ -143,6 +154,10 @@ class _Shells:
         rule = KINDS[kind].turned
         if rule is not None and turned is not None:
             m = m[:, rule(m) == turned]
+        if planes is not None:
+            first, last = planes
+            m = m[:, (m[0] >= (m[0] if first is None else first))
+                  & (m[0] <= (m[0] if last is None else last))]  # fmt: skip
         unit_lengths = units(kind)
         roots = KINDS[kind].units
         self.rational = all(n == 1 for _, _, n in roots)
@@ -174,7 +189,8 @@ class _Shells:
         starts = [i for i, v in enumerate(sorted_lengths) if i == 0 or v != sorted_lengths[i - 1]]
         self.starts = np.array(starts, dtype=np.intp)
         self.squares = tuple(sorted_lengths[i] * scale for i in starts)
-        self.alike = len(set(roots)) == 1 and len(set(offset)) == 1  # no axis is special
+        # no axis is special
+        self.alike = planes is None and len(set(roots)) == 1 and len(set(offset)) == 1
         points = {tuple(int(v) for v in p) for p in self.x.T}
         self.mirrors = tuple(
             all(tuple(-v if j == i else v for j, v in enumerate(p)) in points for p in points)
@@ -211,8 +227,9 @@ def _shells(
     offset: tuple[Fraction, ...],
     support: Fraction,
     turned: bool | None = None,
+    planes: Planes | None = None,
 ) -> _Shells:
-    return _Shells(kind, ratio, offset, support, turned)
+    return _Shells(kind, ratio, offset, support, turned, planes)
 
 
 def lattice_moments(

@@ -14,9 +14,10 @@ from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.euler_maclaurin import phased
+from sphtrunc.theory.symmetry import classes
 
 if TYPE_CHECKING:
-    from sphtrunc.theory.derivation import Derivation
+    from sphtrunc.theory.derivation import Derivation, Varying
     from sphtrunc.theory.euler_maclaurin import KnotTerm
 
 WIDTH = 100  # columns of a terminal
@@ -31,7 +32,8 @@ def text(d: Derivation) -> str:
         _kernel_text(d),
         _smoothness_text(d),
         _smoothing_text(d),
-        _discretisation_text(d) if d.dim == 1 else "",
+        _varying_text(d.varying, d.dim) if d.varying is not None else "",
+        _discretisation_text(d) if d.dim == 1 and d.varying is None else "",
         _aliasing_text(d) if d.aliasing is not None else "",
         _table_text(d) if d.discrete is not None else "",
         _scatter_text(d) if d.scatter is not None else "",
@@ -102,6 +104,24 @@ def _smoothing_text(d: Derivation) -> str:
         else "it does not vanish with h"
     )
     return "\n".join([head, *_wrapped(terms, f"  {name} = ", " ")])
+
+
+def _varying_text(v: Varying, dim: int) -> str:
+    slope = ", ".join(str(g) for g in v.gradient)
+    lines = [
+        f"With h(x) = h (1 + g·s), g = {slope if dim == 1 else f'({slope})'}, rule {v.rule}: the"
+        " continuous limit"
+    ]
+    for alpha, value in v.limit.values.items():
+        text = str(value) if isinstance(value, Rational) else f"{float(value):.12f}"
+        powers = [
+            _signed(_product(c, ["g" + (_power(n) if n > 1 else "")] if n else []))
+            for n, c in enumerate(v.series.get(alpha, ()))
+            if c != 0
+        ]
+        shown = "" if isinstance(value, Rational) else " ".join([*powers, "+ …"]).removeprefix("+ ")
+        lines.append(f"  M({label(alpha)})".ljust(12) + f"{text:<18}{shown}".rstrip())
+    return "\n".join(lines)
 
 
 def _discretisation_text(d: Derivation) -> str:
@@ -219,8 +239,8 @@ def _table_text(d: Derivation) -> str:
         "\n  (smoothing: limit − exact value; discretisation: M − limit)"
     )
     rows = [("k", "M_k", "exact value", "smoothing", "discretisation")]
-    limit_error = d.limit.error
-    for alpha, value in (d.discrete - d.limit).items():
+    limit_error = d.continuous.error
+    for alpha, value in (d.discrete - d.continuous).items():
         exact = d.discrete.exact.get(alpha, 0)
         if d.dim > 1 and not any((exact, d.discrete[alpha], limit_error[alpha])):
             continue  # in 1D the zeros are shown, in space there are too many
@@ -249,13 +269,19 @@ def _scatter_text(d: Derivation) -> str:
     scatter = d.scatter
     assert scatter is not None
     lines = [
-        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}",
+        f"Moments of particles displaced by σ = {scatter.jitter or 0:g} Δx, {scatter.distribution}",
         *_wrapped([*scatter.how.split(" ")], "  by ", " "),
-        "  k          mean                 standard deviation",
     ]
-    for alpha, mean in scatter.mean.items():
-        if mean or scatter.std[alpha]:
-            lines.append(f"  {label(alpha):<9}  {mean:<19.12g}  {scatter.std[alpha]:.6g}")
+    shown = [alpha for alpha, mean in scatter.mean.items() if mean or scatter.std[alpha]]
+    groups = classes(d.operator, d.lattice, d.shift, shown)
+    alike = max(map(len, groups), default=1) > 1
+    lines.append(
+        "  k          mean                 standard deviation" + "   equal by symmetry" * alike
+    )
+    for first, *others in groups:
+        row = f"  {label(first):<9}  {scatter.mean[first]:<19.12g}  {scatter.std[first]:<18.6g}"
+        names = [label(alpha) for alpha in others]
+        lines += [line.rstrip() for line in _wrapped(["", *names], row, "   ")]
     return "\n".join(lines)
 
 

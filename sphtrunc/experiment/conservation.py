@@ -1,0 +1,198 @@
+"""Conservation: what a momentum equation keeps on given particles, to the rounding or not at all.
+
+For forces F_a on particles at x_a: the residuals of Σ F, of Σ x × F (about the mean position), and
+of the energy rate Σ v·F + Σ (m P/ρ²) ρ̇ beside a density rate, each over the sum of the sizes of
+what is added up. Every residual comes with a rigorous bound of what rounding can make of zero:
+"exact" says that the residual is below it. Which rate a form has for its partner is not tried but
+computed: the transposed matrix is compared with the rates of the catalogue, factor by factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import fsum
+from typing import Any
+
+import numpy as np
+
+from sphtrunc.arithmetic.summation import UNIT, Array
+from sphtrunc.experiment.momentum import FORMS, State, partner, parts_of, rates
+from sphtrunc.experiment.pair_matrices import Action, Part, act, same
+from sphtrunc.operators.forces import CORRECTED
+from sphtrunc.operators.h_rules import FORCE_RULES
+
+
+@dataclass(frozen=True)
+class Residual:
+    """|Σ …|/Σ|…|, and the most that rounding makes of it where it is zero."""
+
+    residual: float
+    bound: float
+
+    @property
+    def exact(self) -> bool:
+        """Zero, as far as these numbers can say."""
+        return self.residual <= self.bound
+
+    def to_dict(self) -> dict[str, Any]:
+        """residual, bound, exact."""
+        return {"residual": self.residual, "bound": self.bound, "exact": self.exact}
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What one form keeps under one rule for h.
+
+    angular: None in 1D and in a periodic box; partner: the density rate that is its adjoint, None
+    where the catalogue has none; energy: beside the partner, or beside `tried` without one
+    force: what the form does to the pressure, (d, n)
+    """
+
+    form: str
+    rule: str
+    linear: Residual
+    angular: Residual | None
+    partner: str | None
+    tried: str
+    energy: Residual
+    force: Array
+
+
+def kept(
+    state: State,
+    pairs: Sequence[tuple[str, str]],
+    velocity: Array | None = None,
+    seed: int = 0,
+) -> list[Kept]:
+    """The residuals of forms under rules for h, pairs (form, rule), on the particles of a state.
+
+    velocity: (d, n), with which the energy changes; None: independent normal numbers, of which any
+        bilinear form that is not zero makes something
+    Raises ValueError for a form that the rule does not go with.
+    """
+    if velocity is None:
+        velocity = np.random.default_rng(seed).normal(size=(state.dim, state.cloud.count))
+    forces: list[list[Part]] = []
+    chosen: list[tuple[str | None, str, list[Part]]] = []
+    for name, rule in pairs:
+        _require(name, rule)
+        parts = parts_of(state, name, rule)
+        forces.append(parts)
+        chosen.append(_partner(state, name, rule, parts))
+    requests: list[tuple[list[Part], Array]] = [(parts, state.pressure) for parts in forces]
+    requests += [(parts, velocity) for _, _, parts in chosen]
+    done = act(state.cloud, requests, bound=True)
+    found = []
+    for i, (name, rule) in enumerate(pairs):
+        force, rate = done[i], done[len(pairs) + i]
+        known, tried, _ = chosen[i]
+        shift, turn = _defect(state, name, rule)
+        found.append(
+            Kept(
+                form=name,
+                rule=rule,
+                linear=_linear(force, shift),
+                angular=_angular(state, force, shift, turn),
+                partner=known,
+                tried=tried,
+                energy=_energy(state, force, rate, velocity),
+                force=force.value,
+            )
+        )
+    return found
+
+
+def _require(name: str, rule: str) -> None:
+    if name not in FORMS:
+        raise ValueError(f"form: got {name!r}, expected one of {', '.join(FORMS)}")
+    allowed = dict.fromkeys((*FORMS[name].rules(False), *FORMS[name].rules(True)))
+    if rule not in allowed:
+        raise ValueError(
+            f"h-rule: got {rule!r} for the form {name}, expected one of {', '.join(allowed)}"
+        )
+
+
+def _partner(
+    state: State, name: str, rule: str, parts: list[Part]
+) -> tuple[str | None, str, list[Part]]:
+    """(name of the adjoint rate or None, name of the rate to try, its parts)."""
+    transposed = partner(state, parts)
+    catalogue = rates(state, name, rule)
+    for candidate, rows in catalogue.items():
+        if same(transposed, rows):
+            return candidate, candidate, rows
+    first = next(iter(catalogue))
+    return None, first, catalogue[first]
+
+
+def _defect(state: State, name: str, rule: str) -> tuple[Array, Array]:
+    """(n,) each: the force and the couple that the rounding of a correction leaves."""
+    force, none = FORMS[name].force, np.zeros(state.cloud.count)
+    size = state.volume * np.abs(state.pressure)
+    if force is None:
+        off = size * state.reproducing[1]
+        return off / state.cloud.h, 2.0 * off
+    if force.gradient == CORRECTED:
+        return none, 2.0 * size * state.correction(FORCE_RULES[rule][0])[1]
+    return none, none
+
+
+def _total(terms: Array) -> float:
+    return fsum(terms.ravel().tolist())
+
+
+def _linear(force: Action, shift: Array) -> Residual:
+    assert force.bound is not None
+    worst = max(abs(_total(row)) for row in force.value)
+    bound = max(_total(row) for row in force.bound) + _total(shift)
+    return _relative(worst, bound, _total(force.size))
+
+
+def _angular(state: State, force: Action, shift: Array, turn: Array) -> Residual | None:
+    """Σ x × F about the mean position."""
+    if state.dim == 1 or state.cloud.period is not None:
+        return None
+    assert force.bound is not None
+    x = state.cloud.x
+    arm = x - x.mean(axis=1)[:, None]
+    span = np.abs(arm)
+    rounded = 4.0 * UNIT * span + UNIT * np.abs(x)  # of the arm, and of the product with it
+    planes = [(0, 1)] if state.dim == 2 else [(1, 2), (2, 0), (0, 1)]
+    worst = bound = size = 0.0
+    for i, j in planes:
+        worst = max(worst, abs(_total(arm[i] * force.value[j] - arm[j] * force.value[i])))
+        size += _total(span[i] * force.size[j] + span[j] * force.size[i])
+        error = span[i] * (force.bound[j] + shift) + span[j] * (force.bound[i] + shift)
+        error += rounded[i] * force.size[j] + rounded[j] * force.size[i]
+        bound = max(bound, _total(error + turn))
+    return _relative(worst, bound, size)
+
+
+def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Residual:
+    assert force.bound is not None
+    assert rate.bound is not None
+    weight = state.per_square * state.pressure
+    work = velocity * force.value
+    heat = weight * rate.value
+    size = _total(np.abs(velocity) * force.size) + _total(np.abs(weight) * rate.size)
+    bound = _total(np.abs(velocity) * force.bound) + _total(np.abs(weight) * rate.bound)
+    bound += 8.0 * UNIT * size
+    return _relative(abs(fsum([*work.ravel().tolist(), *heat.ravel().tolist()])), bound, size)
+
+
+def _relative(value: float, bound: float, size: float) -> Residual:
+    if size == 0.0:
+        return Residual(0.0, 0.0)
+    return Residual(value / size, bound * (1.0 + 1e-9) / size)
+
+
+def combinations(
+    forms: Sequence[str], rules: Sequence[str], varying: bool
+) -> Iterator[tuple[str, str]]:
+    """Every form with every rule that it goes with, of those asked for (none: all)."""
+    for name in forms or FORMS:
+        _require(name, FORMS[name].rules(False)[0] if name in FORMS else "")
+        for rule in FORMS[name].rules(varying):
+            if not rules or rule in rules:
+                yield name, rule
