@@ -41,8 +41,8 @@ def write(found: ErrorMap, path: str | Path) -> None:
 
 
 def shown(found: ErrorMap) -> dict[str, Array]:
-    """One number for each target and quantity: γ, condition, flag, the length of the moment error of
-    each degree, and the lengths of the errors of fields."""
+    """One number for each target and quantity: γ, condition, flag, the length of the moment error
+    of each degree, and the lengths of the errors of fields."""
     arrays: dict[str, Any] = {"gamma": found.gamma, "condition": found.condition}
     arrays["flag"] = found.flag
     for name in found.moments:
