@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
     from sphtrunc.study.error_map import error_map as error_map
+    from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
 
@@ -55,6 +56,7 @@ _PUBLIC = {
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
     "sinusoid": "experiment.fields",
+    "structure_factor": "study.structure",
     "snapshot": "scenes.snapshots.formats",
     "weights": "experiment.matrices",
 }

@@ -37,8 +37,28 @@ from sphtrunc.output import emit
     type=click.Choice(("constant", "cell", "summation")),
     help="Volume of a particle: Δx^d, half-way to the neighbours (1D), or m/ρ.",
 )
+@click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
 @click.option(
-    "--particles", metavar="FILE", help="Particles of a file instead, as `sphtrunc inspect` reads."
+    "--h-rule",
+    type=click.Choice(("gather", "scatter", "mean")),
+    help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
+)
+@options.wall_number
+@options.wall_at
+@options.wall_weight
+@options.ghosts
+@click.option(
+    "--particles",
+    metavar="FILE",
+    help="Particles of a file instead, as `sphtrunc inspect` reads, or relaxed:glass,N=4096 (see"
+    " relax).",
+)
+@click.option(
+    "--at",
+    type=click.Choice(("particles", "random")),
+    default="particles",
+    show_default=True,
+    help="Targets: the particles, or points of space at random.",
 )
 @options.snapshot
 @click.option("--allow-duplicates", is_flag=True, help="Take particles that coincide.")
@@ -75,6 +95,8 @@ def command(**given: Any) -> int:
     sphtrunc measure --kernel wendland-c2 --dim 3 --dx-over-h 0.6 --jitter 0.2 \\
                      --correction csph --form difference --h-over-lambda 0.02 --rtol 0.01
     sphtrunc measure --kernel cubic-spline --particles snapshot.hdf5 --field pressure -o targets.csv
+    sphtrunc measure --kernel cubic-spline --dx-over-h 1/2 --wall 1/4 --wall-at half-way \\
+                     --ghosts mirror
 
     With -o NAME.csv or NAME.npz the figures are printed, and what was measured at every target is
     written to the file.
@@ -132,11 +154,11 @@ def _scene(given: dict[str, Any]) -> Any:
     from sphtrunc.scenes.lattice import lattice
 
     if given["particles"] is not None:
-        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset"):
+        for name in ("lattice", "dx_over_h", "jitter", "extent", "offset", "h_gradient", "wall"):
             if given[name] not in (None, "0"):
                 option = name.replace("_", "-")
                 raise ValueError(f"{option}: a file of particles has none; expected one or other")
-        return _read(given)
+        return _between(given, _read(given))
     for name in ("length", "period", "columns", "kind", "allow_duplicates"):
         if given[name] not in (None, False):
             option = {"length": "h", "kind": "type"}.get(name, name.replace("_", "-"))
@@ -152,23 +174,96 @@ def _scene(given: dict[str, Any]) -> Any:
         volume=given["volume"] or "constant",
         extent=given["extent"],
     )
+    if given["wall"] is not None:
+        from sphtrunc.scenes.lattice import beside_wall
+
+        made = beside_wall(
+            made,
+            given["wall"],
+            at=given["wall_at"],
+            ghosts=given["ghosts"],
+            weight=given["wall_weight"],
+        )
+    elif given["wall_at"] or given["wall_weight"] or given["ghosts"] != "none":
+        raise ValueError("wall-at, wall-weight, ghosts: need a wall; expected --wall η as well")
+    if given["at"] == "random":
+        if offset != "0":
+            raise ValueError("at: random points have every offset; expected no --offset with them")
+        if given["wall"] is not None or given["h_gradient"] is not None:
+            raise ValueError(
+                "at: random points go neither with --wall nor with --h-gradient; expected particles"
+            )
+        sigma = given["jitter"] or "0"
+        return jittered(made, sigma, given["distribution"], given["seed"], anywhere=True)
     if given["jitter"] is None:
         if given["volume"] == "cell":
             raise ValueError("volume: cells of a lattice are Δx^d; expected constant, or --jitter")
-        return made
-    return jittered(made, given["jitter"], given["distribution"], given["seed"])
+        return _with_lengths(given, made)
+    moved = jittered(made, given["jitter"], given["distribution"], given["seed"])
+    return _with_lengths(given, moved)
+
+
+def _with_lengths(given: dict[str, Any], scene: Any) -> Any:
+    """The scene with the gradient of h that the options ask for."""
+    slope = given["h_gradient"]
+    if slope is None:
+        if given["h_rule"] is not None:
+            raise ValueError("h-rule: nothing varies; expected --h-gradient G, or a file with h")
+        return scene
+    from sphtrunc.scenes.smoothing_lengths import sloped
+
+    return sloped(scene, slope.split(",") if "," in slope else slope, given["h_rule"] or "scatter")
+
+
+def _between(given: dict[str, Any], home: Any) -> Any:
+    """The particles, or points between them."""
+    from sphtrunc.scenes.probes import POINTS, probes
+
+    if given["at"] == "particles":
+        return home
+    count = _targets(given["targets"])
+    given["targets"] = None
+    return probes(home, count if isinstance(count, int) else POINTS, given["seed"])
 
 
 def _read(given: dict[str, Any]) -> Any:
     """The particles of a file; what was decided about them is said on the terminal."""
     from sphtrunc.scenes.snapshots.formats import read
 
+    if given["particles"].startswith("relaxed:"):
+        return _relaxed(given)
     found = read(given["particles"], **options.read_as(given))
-    scene = found.particles(volume=given["volume"], allow_duplicates=given["allow_duplicates"])
+    scene = found.particles(
+        volume=given["volume"],
+        mode=given["h_rule"] or "gather",
+        allow_duplicates=given["allow_duplicates"],
+    )
     for note in found.notes:
         click.echo(f"note: {note}", err=True)
     if found.ignored:
         click.echo(f"note: columns {', '.join(found.ignored)} are not used", err=True)
+    return scene
+
+
+def _relaxed(given: dict[str, Any]) -> Any:
+    """A glass made by its recipe; lengths in Δx."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.scenes.relaxed import recipe
+
+    for name in ("period", "columns", "kind", "h_rule"):
+        if given[name] is not None:
+            option = {"kind": "type", "h_rule": "h-rule"}.get(name, name)
+            raise ValueError(f"{option}: a relaxed scene has its own box and h; expected none")
+    scene = glass(recipe(given["particles"])).particles
+    h = options.positive("h", given["length"])
+    if h is not None:
+        scene = replace(scene, h=np.full(scene.population, h), _trees={})
+    if given["volume"] in ("cell", "summation"):
+        scene = replace(scene, given=None, volume=given["volume"], _trees={})
     return scene
 
 

@@ -59,6 +59,11 @@ wall: Decorator = click.option(
     help="A plane wall or free surface, at this distance from the target in h; without a number:"
     " as functions of the distance.",
 )
+wall_number: Decorator = click.option(
+    "--wall",
+    metavar="ETA",
+    help="A plane wall or free surface, at this distance from the target in h.",
+)
 wall_at: Decorator = click.option(
     "--wall-at",
     metavar="PLACE",
@@ -74,7 +79,7 @@ ghosts: Decorator = click.option(
     type=click.Choice(GHOSTS),
     default="none",
     show_default=True,
-    help="Beyond the wall: nothing; images with A or with 2 A_wall - A; dummies with Shepard means.",
+    help="Beyond the wall: nothing, images with A or 2 A_wall - A, dummies with Shepard means.",
 )
 
 

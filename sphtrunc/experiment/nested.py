@@ -70,6 +70,11 @@ def estimate(
     Raises ValueError where the arithmetic asks for more than the scene can give.
     """
     kernel, operator, fields, degree = task.kernel, task.operator, task.fields, task.degree
+    if block.ghosts is not None:
+        raise ValueError(
+            "ghosts: the nested form has gradients at the ghosts as well, which are not given by"
+            " their values; expected none, or the form brookshaw"
+        )
     gradient, dim = operator.gradient, len(s)
     alphas = [] if degree is None else list(multi_indices(dim, degree))
     axes = operator.axes(dim)
@@ -161,7 +166,7 @@ def views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood) -> It
     if isinstance(scene, Particles):
         for part in steps:
             yield _of_particles(number, scene, kernel, block, part, wants)
-    elif isinstance(scene, Lattice) and KINDS[scene.kind].turned is None:
+    elif isinstance(scene, Lattice) and scene.wall is None and KINDS[scene.kind].turned is None:
         home = replace(scene, offset=(Fraction(0),) * scene.dim)
         around = home.neighbourhood(np.zeros(1, dtype=np.int64), kernel, **wants)
         around = _shaped(around, (1, 1))

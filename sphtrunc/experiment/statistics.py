@@ -52,7 +52,7 @@ def _chosen(scene: Scene, targets: object, seed: int) -> Indices:
     """The targets asked for, as indices."""
     population = scene.population
     if targets is None:
-        targets = 4096 if isinstance(scene, Jittered) else "all"
+        targets = 4096 if isinstance(getattr(scene, "base", scene), Jittered) else "all"
     if isinstance(targets, str):
         if targets != "all":
             raise ValueError(f"targets: got {targets!r}, expected a number, 'all' or indices")

@@ -67,6 +67,15 @@ class Snapshot:
             return None
         return np.where(self.box.periodic, self.box.size, np.inf)
 
+    def _share(self) -> float:
+        """The volume of the box over the number of particles."""
+        if self.period is None or not np.all(np.isfinite(self.period)):
+            raise ValueError(
+                "volume: constant is that of the box over the number of particles; expected a"
+                " period along every axis, or another volume"
+            )
+        return float(np.prod(self.period)) / self.count
+
     def particles(
         self,
         *,
@@ -77,8 +86,8 @@ class Snapshot:
     ) -> Particles:
         """The scene that the particles are.
 
-        h: in place of the file's; volume: "summation" or "cell" in place of what the file says:
-            its volume, or m/ρ, or m and the summed density
+        h: in place of the file's; volume: "summation", "cell" or "constant" (the box over the
+            number) in place of what the file says: its volume, or m/ρ, or m and the summed density
         allow_duplicates: take particles that coincide
 
         Raises ValueError where there is no h, and where particles coincide.
@@ -101,10 +110,15 @@ class Snapshot:
         given: dict[str, Any] = {}
         known = self.fields
         if volume is not None:
-            if volume not in ("cell", "summation"):
-                raise ValueError("volume: of explicit particles: cell, summation or from the file")
+            if volume not in ("cell", "summation", "constant"):
+                raise ValueError(
+                    f"volume: got {volume!r}, expected constant, cell, summation, or None for what"
+                    " the file says"
+                )
             by_mass = volume == "summation" and "mass" in known
             given = {"mass": known["mass"]} if by_mass else {"volume": volume}
+            if volume == "constant":
+                given = {"volume": self._share()}
         elif "volume" in known:
             given = {"volume": known["volume"]}
         elif "mass" in known:
