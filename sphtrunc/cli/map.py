@@ -119,6 +119,7 @@ def _operator(text: str) -> Any:
     from sphtrunc.operators.operator import Operator
 
     parts = text.split("/")
-    if not 1 <= len(parts) <= 3:
+    if len(parts) > 3:
         raise ValueError(f"estimate: got {text[:60]!r}, expected operator/form/correction")
-    return Operator(parts[0], *(part or None for part in parts[1:2]), *parts[2:])
+    name, form, correction = [*parts, "", ""][:3]
+    return Operator(name, form or None, correction or "none")

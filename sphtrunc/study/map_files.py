@@ -30,7 +30,7 @@ def write(found: ErrorMap, path: str | Path) -> None:
         write_columns(found.columns(), str(path))
     elif suffix == ".npz":
         buffer = io.BytesIO()
-        np.savez(buffer, **found.arrays())  # type: ignore[arg-type]
+        np.savez(buffer, **found.arrays())
         write_atomically(path, buffer.getvalue())
     elif suffix in (".h5", ".hdf5"):
         write_atomically(path, _hdf5(found))
@@ -80,7 +80,7 @@ def vtp(x: Array, arrays: dict[str, Array]) -> bytes:
     points[:, : x.shape[1]] = x
     blob = io.BytesIO()
 
-    def entry(name: str, values: Array, width: int = 1) -> str:
+    def entry(name: str, values: Any, width: int = 1) -> str:
         kind, dtype = ("Int64", "<i8") if values.dtype.kind in "biu" else ("Float64", "<f8")
         raw = np.ascontiguousarray(values, dtype=dtype).tobytes()
         at = blob.tell()
