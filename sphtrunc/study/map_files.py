@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.study.error_map import ErrorMap
 
-SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp")
+SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
 
 
 def write(found: ErrorMap, path: str | Path) -> None:
     """The map in the format that the name of the file says.
 
     .npz and .hdf5 hold `ErrorMap.arrays`, .csv its `columns`, .vtp the lengths of the moment errors
-    and the errors of fields at the particles. Raises ValueError for another name, and where the
+    and the errors of fields at the particles, .json the summary. Raises ValueError for another name, and where the
     file cannot be written.
     """
     suffix = Path(path).suffix
@@ -34,6 +34,8 @@ def write(found: ErrorMap, path: str | Path) -> None:
         write_atomically(path, buffer.getvalue())
     elif suffix in (".h5", ".hdf5"):
         write_atomically(path, _hdf5(found))
+    elif suffix == ".json":
+        write_atomically(path, found.to_json() + "\n")
     elif suffix == ".vtp":
         write_atomically(path, vtp(found.x, shown(found)))
     else:
