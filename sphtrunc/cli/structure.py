@@ -32,13 +32,13 @@ def command(particles: str, **given: Any) -> None:
     """
     from sphtrunc.study.structure import structure_factor
 
-    factor = structure_factor(_scene(particles, given["period"]), reach=given["reach"])
+    factor = structure_factor(scene(particles, given["period"]), reach=given["reach"])
     k, S, error = factor.radial(given["bins"])
     render = {"text": _text, "json": _json, "csv": _csv}[given["format_"]]
     emit(render(factor, k, S, error), given["output"])
 
 
-def _scene(source: str, period: str | None) -> Any:
+def scene(source: str, period: str | None) -> Any:
     """The particles, of which only the places count."""
     from sphtrunc.arithmetic.rational import exact
     from sphtrunc.scenes.relaxed import PREFIX
