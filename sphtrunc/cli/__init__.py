@@ -14,10 +14,13 @@ from sphtrunc.version import __version__
 COMMANDS = {
     "derive": "The truncation error of a kernel, exactly.",
     "measure": "The discrete sums themselves, on particles.",
+    "inspect": "What is in a file of particles, and which kernel made its densities.",
     "conserve": "What each momentum equation keeps, and at what error.",
+    "map": "Where in the particles of a file the sums are wrong, by how much, and why.",
     "kernels": "The catalogue of kernels and their constants.",
     "sweep": "Measure every combination of lists of options, resumably.",
     "tune": "Which h and Δx to take, and what limits the error.",
+    "wall": "What every remedy leaves of the error near a wall.",
     "figures": "Every figure, measured points and derived curves.",
     "convert": "Smoothing length, support, neighbours, 2σ, FWHM: from one to the others.",
     "structure": "The structure factor of particles: how they are disordered.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from math import pi, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -25,6 +25,14 @@ _MEANING = {
     "longitudinal": "neighbours along the wave",
     "transverse": "shear of the lattice",
 }
+
+
+class Wave(NamedTuple):
+    """k in π/Δx, text where it is exact; its name in the zone; its modes."""
+
+    k: list[Any]
+    point: str | None
+    modes: list[Mode]
 
 
 @click.command(name="stability")
@@ -89,6 +97,8 @@ def command(**given: Any) -> None:
                        --remedy artificial-stress:1/5
     sphtrunc stability --kernel cubic-spline --map swegle
     """
+    if given["pairing"] and given["stem"] is not None:
+        raise click.UsageError("got --pairing and --map, expected one of them")
     rest, exact = _rest(given)
     if given["pairing"]:
         _only(given, "pairing")
@@ -101,10 +111,10 @@ def command(**given: Any) -> None:
         _draw(rest, given["stem"])
         return
     else:
-        from sphtrunc.study.stability import stability
+        from sphtrunc.study.stability import named, stability
 
         kappas = [_wave(rest, wave) for wave in given["waves"]] or _points(rest)
-        modes = [(k, rest.modes(kappa, exact)) for k, kappa in kappas]
+        modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         seen = stability(rest)
         text, document = _text(seen, modes, exact), _document(seen, modes, exact)
     if given["format_"] == "json":
@@ -120,8 +130,6 @@ def _only(given: dict[str, Any], task: str) -> None:
         named["pressure"] = "--pressure"
         if given["format_"] != "text" or given["output"] is not None:
             raise click.UsageError("--map writes its own files, without --format and --output")
-        if given["pairing"]:
-            raise click.UsageError("got --pairing and --map, expected one of them")
     used = [option for name, option in named.items() if given[name]]
     if used:
         raise click.UsageError(f"--{task} looks at all of them: without {', '.join(used)}")
@@ -263,9 +271,7 @@ def _exactly(value: Any) -> Any:
     return str(value) if isinstance(value, Fraction) else value
 
 
-def _document(
-    seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: bool
-) -> dict[str, Any]:
+def _document(seen: Stability, modes: list[Wave], exact: bool) -> dict[str, Any]:
     from sphtrunc.study.stability import as_dict, neighbours
 
     rest = seen.rest
@@ -276,13 +282,14 @@ def _document(
         "neighbours": neighbours(rest.kernel, rest.dim, ratio),
         "modes": [
             {
-                "k": k,
-                "omega2": [m.omega2 if m.exact is None else m.exact for m in found],
-                "branch": [m.branch for m in found],
-                "growth_rate": [m.growth for m in found],
-                "polarisation": [list(m.polarisation) for m in found],
+                "k": wave.k,
+                "point": wave.point,
+                "omega2": [m.omega2 if m.exact is None else m.exact for m in wave.modes],
+                "branch": [m.branch for m in wave.modes],
+                "growth_rate": [m.growth for m in wave.modes],
+                "polarisation": [list(m.polarisation) for m in wave.modes],
             }
-            for k, found in modes
+            for wave in modes
         ],
         "sound_speed2": _plain(seen.sound_speed2, exact),
         "dispersion": _plain(seen.dispersion, exact),
@@ -341,7 +348,7 @@ def _numbers(k: Any) -> str:
     return ", ".join(f"{c:.4g}" for c in k)
 
 
-def _text(seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: bool) -> str:
+def _text(seen: Stability, modes: list[Wave], exact: bool) -> str:
     from sphtrunc.study.stability import neighbours
 
     rest = seen.rest
@@ -382,9 +389,10 @@ def _text(seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: boo
         sentences.append(f"Stable ({branch}), all else equal: Δx/h {shown or 'nowhere'}.")
     lines += wrapped(sentences)
     lines += ["", "modes (ω² in c²/h²):"]
-    for k, found_modes in modes:
-        lines.append(f"  k = {', '.join(map(_short, k))} π/Δx")
-        for m in found_modes:
+    for wave in modes:
+        point = f" (point {wave.point})" if wave.point else ""
+        lines.append(f"  k = {', '.join(map(_short, wave.k))} π/Δx{point}")
+        for m in wave.modes:
             rate = f", grows at {m.growth:.4g} c/h" if m.growth else ""
             value = f"{m.omega2:.12g}"
             value += f" = {m.exact}" if m.exact not in (None, value) else ""

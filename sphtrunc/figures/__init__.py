@@ -32,6 +32,11 @@ FIGURES = {
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
     "round-off": ("tradeoffs", "Rounding of three forms in three precisions, and its floors."),
     "work-precision": ("tradeoffs", "Error against pairs, along the best path."),
+    "dispersion": ("stability", "Sound on a lattice: forms and pressures, and the limit."),
+    "tensile": ("stability", "Growth under tension over Δx/h and P₀, and in runs."),
+    "pairing": ("stability", "The weakest waves against neighbours, both branches, on fcc."),
+    "remedies": ("stability", "Artificial stress, total Lagrangian, stress points."),
+    "time-step": ("stability", "The largest stable time step of leapfrog."),
 }
 
 

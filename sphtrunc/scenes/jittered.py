@@ -202,6 +202,9 @@ def jittered(
     seed: 0 … 2⁶³ − 1.
     anywhere: targets are points of space at random, not particles.
 
+    Beside a wall every target is at the same distance from it, less its own displacement, and a
+    particle is on the side where its site is.
+
     Raises ValueError for what is out of range.
     """
     value = float(exact(sigma, "jitter"))
@@ -215,6 +218,17 @@ def jittered(
         raise ValueError(
             f"distribution: blue needs the same neighbours at every site, {lattice.kind} has two"
             " sorts; expected gaussian or uniform, or another lattice"
+        )
+    wall = lattice.wall
+    if wall is not None and wall.ghosts != "none":
+        raise ValueError(
+            f"ghosts: got {wall.ghosts} with displaced particles, which have no images; expected"
+            " none"
+        )
+    if wall is not None and wall.share != 1 and lattice.wall_phase.denominator == 1:
+        raise ValueError(
+            "jitter: a displaced particle is not on the wall; expected wall-weight 1, or wall-at"
+            " half-way"
         )
     _whole("seed", seed, 0, 2**63 - 1)
     return Jittered(lattice, value, distribution, int(seed), anywhere)

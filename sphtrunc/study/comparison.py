@@ -27,6 +27,7 @@ from sphtrunc.study.structure import (
     predict_by_structure,
     require_theory,
 )
+from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
@@ -37,6 +38,10 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
 
     Raises ValueError, saying so, for graded spacing: there is no theory.
     """
+    if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
+        raise ValueError(
+            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
+        )
     if isinstance(scene, Jittered):
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
@@ -56,6 +61,19 @@ def predict_moments(
 
     Raises ValueError where there is no theory: see `rule` and `structure`.
     """
+    home = getattr(scene, "lattice", scene)
+    if isinstance(home, Lattice) and home.wall is not None:
+        return predict_beside_wall(
+            parse_kernel(kernel),
+            operator,
+            home.kind,
+            home.dx_over_h,
+            home.offset,
+            home.wall,
+            sigma=getattr(scene, "sigma", 0.0),
+            distribution=getattr(scene, "distribution", "gaussian"),
+            degree=degree,
+        )
     if by_structure(scene):
         return predict_by_structure(scene, kernel, operator, degree)
     lattice, sigma, distribution = rule(scene)

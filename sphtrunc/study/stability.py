@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from math import inf, pi, sqrt
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ LONG = 1e-3
 NEIGHBOURS = {1: (2.2, 16.0), 2: (8.0, 150.0), 3: (20.0, 400.0)}
 #: divisions of the zone where many settings are looked at
 COARSE = {1: 120, 2: 24, 3: 12}
-SETTINGS = 120
+SETTINGS = 80
 #: of the largest number of neighbours that `pairing` looks at
 MOST_NEIGHBOURS = 1000.0
 _REFINED = 1e-8  # of κ
@@ -112,12 +112,12 @@ def courant(highest: float) -> dict[str, float]:
 
 def neighbours(kernel: Kernel | Gaussian, dim: int, ratio: float) -> float:
     """V_d (κh/Δx)^d, the target counted."""
-    return float(BALL[dim]) * (float(kernel.support) / ratio) ** dim
+    return float(float(BALL[dim]) * (float(kernel.support) / ratio) ** dim)
 
 
 def ratio_of(kernel: Kernel | Gaussian, dim: int, count: float) -> float:
     """Δx/h with so many neighbours."""
-    return float(kernel.support) * (float(BALL[dim]) / count) ** (1 / dim)
+    return float(kernel.support) * float((float(BALL[dim]) / count) ** (1 / dim))
 
 
 # --------------------------------------------------------------------------------- one setting
@@ -198,7 +198,7 @@ def _worst(rest: Rest, scan: Scan, seen: Spectrum, branch: str) -> Found:
 
 def _fastest(rest: Rest, scan: Scan, seen: Spectrum) -> Found:
     def slowed(kappa: Any) -> Array:
-        return -rest.frequencies(scan.of(kappa)).growth.max(axis=1)
+        return np.asarray(-rest.frequencies(scan.of(kappa)).growth.max(axis=1))
 
     _, at = _refine(scan.kappa[int(seen.growth.max(axis=1).argmax())], slowed, rest.kind)
     found = rest.frequencies(scan.of(at[None]))
@@ -275,20 +275,23 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     rows = [margins(r) for r in grid_]
     found: dict[str, list[Range]] = {}
     for branch in branches_of(rest.dim):
-        ranges = []
-        start = grid_[0] if rows[0][branch] >= 0 else None
-        for i in range(1, len(grid_)):
-            before, now = rows[i - 1][branch] >= 0, rows[i][branch] >= 0
-            if before != now:
-                edge = _bisect(lambda r, b=branch: margins(r)[b] >= 0, grid_[i - 1], grid_[i])
-                if now:
-                    start = edge
-                else:
-                    ranges.append((start, edge))
-        if rows[-1][branch] >= 0:
-            ranges.append((start, grid_[-1]))
-        found[branch] = [_range(rest, a, b) for a, b in ranges if a is not None]
+        stable = [row[branch] >= 0 for row in rows]
+        holds = partial(_holds, margins, branch)
+        edges = [
+            _bisect(holds, grid_[i], grid_[i + 1])
+            for i, (before, now) in enumerate(pairwise(stable))
+            if before != now
+        ]
+        if stable[0]:
+            edges = [grid_[0], *edges]
+        if stable[-1]:
+            edges = [*edges, grid_[-1]]
+        found[branch] = [_range(rest, a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return found
+
+
+def _holds(margins: Callable[[float], dict[str, float]], branch: str, ratio: float) -> bool:
+    return margins(ratio)[branch] >= 0
 
 
 def _range(rest: Rest, low: float, high: float) -> Range:

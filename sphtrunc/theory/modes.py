@@ -6,6 +6,7 @@ Frequencies are ω² in units of c²/h², growth rates √(−ω²) in c/h.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -338,16 +339,9 @@ def written(entry: Any, order: int) -> str:
         elif value and turn != Fraction(1, 2):
             angle = "pi" if top == 1 else f"{top}*pi"
             size = "" if abs(value) == 1 else f"{abs(value)}*"
-            sign = "-" if value < 0 else "+"
-            parts.append(f"{sign} {size}cos({angle}/{bottom})")
+            parts.append(f"{'-' if value < 0 else '+'} {size}cos({angle}/{bottom})")
     text = " ".join(parts) or "0"
-    return (
-        text[2:]
-        if text.startswith("+ ")
-        else text.replace("- ", "-", 1)
-        if text[:2] == "- "
-        else text
-    )
+    return text.removeprefix("+ ") if text[0] == "+" else re.sub("^- ", "-", text)
 
 
 def _exact_eigenvalues(entries: list[list[Any]], order: int) -> dict[float, str]:
