@@ -52,7 +52,8 @@ def structure_factor(scene: Scene | Probes, *, reach: float | None = None) -> St
             "scene: graded particles are not homogeneous and have no structure factor; expected a"
             " lattice, displaced or not, or particles"
         )
-    return measured(scene.x, scene.period, reach=reach)
+    closed = scene.period is not None and bool(np.all(np.isfinite(scene.period)))
+    return measured(scene.x, scene.period if closed else None, reach=reach)
 
 
 GLASS = {1: 1024, 2: 1024, 3: 4096}  # particles of the glass that stands for all
@@ -118,7 +119,7 @@ def require_theory(scene: Any) -> None:
     home = getattr(scene, "home", scene)
     if not isinstance(home, Particles):
         return
-    if home.period is None:
+    if home.period is None or not np.all(np.isfinite(home.period)):
         raise ValueError(
             "scene: there is no theory for explicit particles without a periodic box; expected a"
             " period"
