@@ -144,13 +144,13 @@ def _rest(given: dict[str, Any]) -> tuple[Rest, bool]:
     from sphtrunc.kernels.parse import kernel as parse_kernel
     from sphtrunc.operators.forces import force
     from sphtrunc.scenes.sites import DEFAULT, KINDS
-    from sphtrunc.study.stability import ratio_of
+    from sphtrunc.study.stability import DENSEST, ratio_of
     from sphtrunc.theory.modes import Rest
 
     kernel = parse_kernel(given["kernel"])
     dim = given["dim"]
-    densest = {**DEFAULT, 2: "hexagonal", 3: "fcc"}
-    kind = given["lattice"] or (densest if given["pairing"] else DEFAULT)[dim]
+    usual = {**DEFAULT, **DENSEST} if given["pairing"] else DEFAULT
+    kind = given["lattice"] or usual[dim]
     kind = "cubic" if kind == "sc" else kind
     fitting = [name for name, data in KINDS.items() if data.dim == dim]
     if kind not in fitting:
@@ -331,7 +331,9 @@ def _pairing_text(rest: Rest, found: Pairing) -> str:
             f"{head}\nNo pairing: the longitudinal branch is stable up to {found.most:g}"
             " neighbours."
         )
-    where = f"point {found.point}" if found.point else f"k = {_numbers(found.k)} π/Δx"
+    where = f"k = {_numbers(found.k)} π/Δx on a grid of the zone"
+    if found.point:
+        where = f"point {found.point}"
     return "\n".join(
         wrapped(
             [

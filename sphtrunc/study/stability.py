@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.kernels.conventions import BALL
-from sphtrunc.operators.forces import GRAD_H, PLAIN
+from sphtrunc.operators.forces import GRAD_H, PLAIN, force
 from sphtrunc.theory.brillouin import POINTS, directions, grid, scale, shortest
 from sphtrunc.theory.lattice_waves import Scan
 from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
@@ -343,7 +343,8 @@ def curve(rest: Rest, counts: Sequence[float]) -> Curve:
 @dataclass(frozen=True)
 class Pairing:
     """The first number of neighbours at which the longitudinal branch fails under pressure, and
-    where in the zone; neighbours None where it does not up to `most`."""
+    where in the zone; neighbours None where it does not up to `most`, the least that was looked at
+    where it always does."""
 
     neighbours: float | None
     dx_over_h: float | None
@@ -376,31 +377,45 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
     reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
     scan = rest.scan(grid(rest.kind, divisions), reach)
 
-    def margin(count: float, some: Scan) -> tuple[float, int, float]:
+    def margin(count: float) -> tuple[float, int, float]:
         r = ratio_of(rest.kernel, rest.dim, count)
-        seen = replace(rest, ratio=Fraction(r)).frequencies(some)
+        seen = replace(rest, ratio=Fraction(r)).frequencies(scan)
         values = lowest(seen, LONGITUDINAL)
         worst = int(values.argmin())
         return float(values[worst]), worst, seen.rounding
 
-    steps = np.geomspace(least, most, int(60 * np.log(most / least)) + 2)
-    stable = False
+    def found(count: float, worst: int) -> Pairing:
+        kappa = scan.kappa[worst]
+        ratio = ratio_of(rest.kernel, rest.dim, count)
+        k = in_spacings(rest.kind, kappa)
+        return Pairing(count, ratio, k, named(rest.kind, kappa), most)
+
+    steps = [float(n) for n in np.geomspace(least, most, int(60 * np.log(most / least)) + 2)]
+    value, first, rounding = margin(steps[0])
+    never, stable = value < -rounding, value > rounding
     for before, count in pairwise(steps):
-        value, worst, rounding = margin(float(count), scan)
+        value, _, rounding = margin(count)
         if stable and value < -rounding:
-            edge = _root(lambda n: margin(n, scan)[0], float(before), float(count))
-            # at the grid point that fails first, to the last digit
-            _, worst, _ = margin(edge, scan)
-            kappa = scan.kappa[worst]
-            return Pairing(
-                edge,
-                ratio_of(rest.kernel, rest.dim, edge),
-                in_spacings(rest.kind, kappa),
-                named(rest.kind, kappa),
-                most,
-            )
+            edge = _root(lambda n: margin(n)[0], before, count)
+            return found(edge, margin(edge)[1])
         stable = stable or value > rounding
-    return Pairing(None, None, None, None, most)
+    return found(steps[0], first) if never and not stable else Pairing(None, None, None, None, most)
+
+
+#: the densest lattices, on which `pairing_limit` stands
+DENSEST = {2: "hexagonal", 3: "fcc"}
+
+
+@lru_cache(maxsize=256)
+def pairing_limit(kernel: Kernel | Gaussian, dim: int) -> float | None:
+    """The number of neighbours from which particles pair, on the densest lattice of 2D or 3D in the
+    symmetric form with P₀ = 3/5 ρc²; None where they do not up to MOST_NEIGHBOURS, and on a line.
+    """
+    if dim not in DENSEST:
+        return None
+    ratio = Fraction(ratio_of(kernel, dim, NEIGHBOURS[dim][0]))
+    rest = Rest(kernel, DENSEST[dim], ratio, force("symmetric"), Fraction(3, 5))
+    return pairing(rest).neighbours
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
