@@ -100,6 +100,9 @@ FORMULAS = [
     ("quartic-spline", "96/(1189*pi)", 2, slips.MISPRINT, "1199/1189"),
     ("cubic-spline", "0.318", 3, slips.ROUNDED, "159*pi/500"),
     ("gaussian", "1/sqrt(pi)", 2, slips.OTHER_DIMENSION, "sqrt(pi)"),
+    ("wendland-c2", "16*pi/21", 3, slips.OTHER_FORM, "256*pi**2/441"),
+    ("cubic-spline", "7*pi/10", 2, slips.OTHER_FORM, "49*pi**2/100"),
+    ("cubic-spline", "7/22", 3, slips.ROUNDED, "7*pi/22"),
 ]
 
 
@@ -179,6 +182,53 @@ def test_a_right_derivative_beside_a_wrong_constant_is_told():
     report = audit(lambda q: quintic(q, 3 / (359 * PI)), 3, derivative=quintic_slope)
     assert [f.kind for f in report.faults] == [slips.MISPRINT, slips.WRONG_CONSTANT]
     assert "right constant, which W does not" in report.faults[1].message
+
+
+@pytest.mark.parametrize(
+    ("formula", "constant", "dim", "said"),
+    [
+        ("wendland-c2", "16*pi/21", 3, "the reciprocal of the right constant"),
+        ("cubic-spline", "7*pi/10", 2, "the reciprocal of the right constant"),
+        ("cubic-spline", "7/22", 3, "π was taken as 22/7"),
+        ("cubic-spline", "70/154", 2, "π was taken as 22/7"),
+        ("cubic-spline", "50/157", 3, "π was taken as 3.14;"),
+        ("cubic-spline", "1250/3927", 3, "π was taken as 3.1416;"),
+    ],
+)
+def test_the_slip_behind_a_constant_is_told(formula, constant, dim, said):
+    (fault,) = audit_formula(formula, constant, dim).faults
+    assert said in fault.message
+
+
+@pytest.mark.parametrize(
+    ("name", "kappa", "meaning"),
+    [
+        ("cubic", 1.0, "the support radius"),
+        ("cubic", 4.0, "something else"),
+        ("cubic", 2 * math.sqrt(5 / 6), "2σ"),  # 1.825742, Dehnen & Aly (2012), table 1
+        ("quintic", 1.0, "the support radius"),
+        ("quintic", 1.5, "something else"),
+        ("quintic", 6.0, "something else"),
+    ],
+)
+def test_a_slope_of_another_h_is_named_with_its_support(name, kappa, meaning):
+    """W as written, dW of the same kernel with support κ, which is not always 1."""
+    w, slope, support = {"cubic": (cubic, cubic_slope, 2), "quintic": (quintic, quintic_slope, 3)}[
+        name
+    ]
+    stretch = support / kappa
+    report = audit(w, 3, derivative=lambda q: stretch**4 * slope(stretch * q))
+    assert [f.kind for f in report.faults] == [slips.CONVENTION], report.to_text()
+    where = f"support at {kappa:.7g}h (as if h were {meaning}), W at {support}h"
+    assert where in report.faults[0].message
+
+
+@pytest.mark.parametrize("power", [-1, 1, 2])
+def test_a_lost_chain_rule_is_told_for_any_support(power):
+    """W of support 3, its slope times 3^power."""
+    report = audit(quintic, 3, derivative=lambda q: 3.0**power * quintic_slope(q))
+    assert [f.kind for f in report.faults] == [slips.POWER_OF_SUPPORT], report.to_text()
+    assert f"the chain rule's factor 3^{-power} is lost" in report.faults[0].message
 
 
 def test_the_size_of_a_truncation_is_that_of_the_error_function():
