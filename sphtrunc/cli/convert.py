@@ -77,7 +77,7 @@ def command(
 
 def _limit(kernel: Any, dim: int) -> float | None:
     """The number of neighbours from which particles pair; None where they do not."""
-    from sphtrunc.study.stability import pairing_limit
+    from sphtrunc.study.pairing import pairing_limit
 
     if dim == 1:
         raise ValueError("pairing: is of particles in 2D and 3D; expected --dim 2 or 3")

@@ -51,7 +51,7 @@ def _row(kernel: Kernel, dim: int, pairing: bool) -> dict[str, object]:
         "smoothing_coefficient": second / (2 * dim),
     }
     if pairing:
-        from sphtrunc.study.stability import pairing_limit
+        from sphtrunc.study.pairing import pairing_limit
 
         row["pairing"] = pairing_limit(kernel, dim)
     return row

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sphtrunc.theory.modes import Mode, Rest
 
 REMEDIES = ("artificial-stress:EPS", "total-lagrangian", "stress-points")
-#: P₀/(ρc²) that `--pairing` takes where none is given: a gas with γ = 5/3
-GAS = Fraction(3, 5)
 _MEANING = {
     "longitudinal": "neighbours along the wave",
     "transverse": "shear of the lattice",
@@ -144,12 +142,13 @@ def _rest(given: dict[str, Any]) -> tuple[Rest, bool]:
     from sphtrunc.kernels.parse import kernel as parse_kernel
     from sphtrunc.operators.forces import force
     from sphtrunc.scenes.sites import DEFAULT, KINDS
-    from sphtrunc.study.stability import DENSEST, ratio_of
+    from sphtrunc.study.pairing import DENSEST, GAS
+    from sphtrunc.study.stability import ratio_of
     from sphtrunc.theory.modes import Rest
 
     kernel = parse_kernel(given["kernel"])
     dim = given["dim"]
-    usual = {**DEFAULT, **DENSEST} if given["pairing"] else DEFAULT
+    usual = DENSEST if given["pairing"] else DEFAULT
     kind = given["lattice"] or usual[dim]
     kind = "cubic" if kind == "sc" else kind
     fitting = [name for name, data in KINDS.items() if data.dim == dim]

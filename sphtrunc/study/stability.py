@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.kernels.conventions import BALL
-from sphtrunc.operators.forces import GRAD_H, PLAIN, force
+from sphtrunc.operators.forces import GRAD_H, PLAIN
 from sphtrunc.theory.brillouin import POINTS, directions, grid, scale, shortest
 from sphtrunc.theory.lattice_waves import Scan
 from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
@@ -400,22 +400,6 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
             return found(edge, margin(edge)[1])
         stable = stable or value > rounding
     return found(steps[0], first) if never and not stable else Pairing(None, None, None, None, most)
-
-
-#: the densest lattices, on which `pairing_limit` stands
-DENSEST = {2: "hexagonal", 3: "fcc"}
-
-
-@lru_cache(maxsize=256)
-def pairing_limit(kernel: Kernel | Gaussian, dim: int) -> float | None:
-    """The number of neighbours from which particles pair, on the densest lattice of 2D or 3D in the
-    symmetric form with P₀ = 3/5 ρc²; None where they do not up to MOST_NEIGHBOURS, and on a line.
-    """
-    if dim not in DENSEST:
-        return None
-    ratio = Fraction(ratio_of(kernel, dim, NEIGHBOURS[dim][0]))
-    rest = Rest(kernel, DENSEST[dim], ratio, force("symmetric"), Fraction(3, 5))
-    return pairing(rest).neighbours
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:

@@ -33,7 +33,6 @@ from sphtrunc.study.stability import (
     curve,
     neighbours,
     pairing,
-    pairing_limit,
     ratio_of,
     stability,
     stability_map,
@@ -506,11 +505,3 @@ def test_kernels_without_stiffness_pair_at_any_number_of_neighbours() -> None:
     found = pairing(rest("b-spline:2", "fcc"), most=60, divisions=8)
     assert found.neighbours == pytest.approx(NEIGHBOURS[3][0])
     assert pairing(rest("polynomial:-1", "fcc"), most=60, divisions=8).neighbours is None
-
-
-def test_the_limit_of_a_kernel_is_that_on_the_densest_lattice() -> None:
-    assert pairing_limit(kernel("cubic-spline"), 1) is None
-    assert pairing_limit(kernel("wendland-c2"), 2) is None
-    limit = pairing_limit(kernel("cubic-spline"), 3)
-    assert limit is not None
-    assert round(limit, 10) == 64.1156512426
