@@ -71,6 +71,11 @@ class Wave(NamedTuple):
     help="A wave in π/Δx, one number per axis as 1,1/2,0, or a point of the zone: X, W, L …;"
     " repeat it for several.",
 )
+@click.option(
+    "--viscosity",
+    metavar="ALPHA",
+    help="Artificial viscosity α, taken explicitly: the time step with it, too.",
+)
 @click.option("--pairing", is_flag=True, help="The number of neighbours from which particles pair.")
 @click.option(
     "--map",
@@ -115,6 +120,14 @@ def command(**given: Any) -> None:
         modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         seen = stability(rest)
         text, document = _text(seen, modes, exact), _document(seen, modes, exact)
+        if given["viscosity"] is not None:
+            step = _viscous(rest, given["viscosity"])
+            document["courant"]["kick-drift"] = step
+            document["viscosity"] = given["viscosity"]
+            text += (
+                f"\n\nTime step of kick and drift with viscosity α = {given['viscosity']}:"
+                f" cΔt/h < {step:.6g}"
+            )
     if given["format_"] == "json":
         emit(json.dumps(document, indent=1, ensure_ascii=False), given["output"])
     else:
@@ -123,7 +136,12 @@ def command(**given: Any) -> None:
 
 def _only(given: dict[str, Any], task: str) -> None:
     """Options that say where to look have no meaning for what looks everywhere."""
-    named = {"dx_over_h": "--dx-over-h", "neighbours": "--neighbours", "waves": "--k"}
+    named = {
+        "dx_over_h": "--dx-over-h",
+        "neighbours": "--neighbours",
+        "waves": "--k",
+        "viscosity": "--viscosity",
+    }
     if task == "map":
         named["pressure"] = "--pressure"
         if given["format_"] != "text" or given["output"] is not None:
@@ -131,6 +149,13 @@ def _only(given: dict[str, Any], task: str) -> None:
     used = [option for name, option in named.items() if given[name]]
     if used:
         raise click.UsageError(f"--{task} looks at all of them: without {', '.join(used)}")
+
+
+def _viscous(rest: Rest, alpha: str) -> float:
+    from sphtrunc.arithmetic.rational import exact as rational
+    from sphtrunc.study.stability import viscous_step
+
+    return viscous_step(rest, float(rational(alpha, "viscosity")))
 
 
 # ---------------------------------------------------------------------------------- what is asked
