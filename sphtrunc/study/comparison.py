@@ -13,6 +13,7 @@ from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.experiment.fields import Polynomial, Sinusoid, polynomial
 from sphtrunc.experiment.measurement import Measurement
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
@@ -21,9 +22,11 @@ from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
+from sphtrunc.scenes.smoothing_lengths import Sloped
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
+from sphtrunc.theory.varying_scenes import predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -35,6 +38,11 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
         return scene, 0.0, "gaussian"
+    if isinstance(scene, Sloped):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for moments, not for fields; expected"
+            " moments alone"
+        )
     sort = "graded" if isinstance(scene, Graded) else "explicit"
     raise ValueError(
         f"scene: there is no theory for {sort} particles; expected a"
@@ -49,6 +57,8 @@ def predict_moments(
 
     Raises ValueError where there is no theory: see `rule`.
     """
+    if isinstance(scene, Sloped):
+        return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
     lattice, sigma, distribution = rule(scene)
     return predict(
         parse_kernel(kernel),
@@ -59,6 +69,28 @@ def predict_moments(
         sigma=sigma,
         distribution=distribution,
         volume=lattice.volume,
+        degree=degree,
+    )
+
+
+def _predict_sloped(
+    scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> Prediction:
+    lattice, sigma, distribution = rule(scene.base)
+    if not isinstance(kernel, Kernel) or lattice.volume != "constant" or any(lattice.offset):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for constant volumes, targets that are"
+            " particles, and kernels that are polynomials"
+        )
+    return predict_varying(
+        kernel,
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        scene.gradient,
+        scene.rule,
+        sigma=sigma,
+        distribution=distribution,
         degree=degree,
     )
 
@@ -107,7 +139,7 @@ def compare(
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
     predicted = predict_moments(scene, kernel, operator, degree)
-    still = isinstance(scene, Lattice)
+    still = isinstance(getattr(scene, "base", scene), Lattice)
     measured = measure(
         scene, kernel, operator, moments=degree, targets=targets, seed=seed, bound=still
     )
