@@ -9,6 +9,8 @@ from math import ceil
 
 from sphtrunc.scenes.sites import units
 
+#: names for where a lattice may have a wall, in steps of its planes before the first one
+PLACES = {"particle": Fraction(0), "half-way": Fraction(1, 2)}
 #: what may be beyond a wall: nothing; images with the value A(s*) or 2 A_wall − A(s*) of their
 #: original; dummy particles with the Shepard mean of the fluid around them
 GHOSTS = ("none", "mirror", "odd", "dummy")
@@ -44,6 +46,11 @@ class Wall:
         if not 0 <= self.weight <= 1:
             raise ValueError(f"wall-weight: got {self.weight}, expected a number from 0 to 1")
 
+    def phase(self, kind: str, dx_over_h: Fraction, offset: Sequence[Fraction]) -> Fraction:
+        """φ: the planes m of the lattice with m + φ > 0 are fluid, that with m + φ = 0 is on the
+        wall."""
+        return (self.eta / dx_over_h + offset[0]) / units(kind)[0]
+
     @property
     def share(self) -> Fraction:
         """What counts of a fluid particle on the wall."""
@@ -52,8 +59,7 @@ class Wall:
     def placed(
         self, kind: str, dx_over_h: Fraction, offset: Sequence[Fraction]
     ) -> tuple[tuple[Fraction, ...], Fraction]:
-        """The offset of the lattice from the target, in Δx, and φ: the planes m of it with
-        m + φ > 0 are fluid, that with m + φ = 0 is on the wall.
+        """The offset of the lattice from the target, in Δx, and `phase`.
 
         Raises ValueError where both `at` and the offset say where the lattice is, and differ.
         """
@@ -69,4 +75,5 @@ class Wall:
                     " expected one of the two options"
                 )
             shift = there
-        return (shift, *offset[1:]), (distance + shift) / step
+        placed = (shift, *offset[1:])
+        return placed, self.phase(kind, dx_over_h, placed)

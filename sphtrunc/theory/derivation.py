@@ -217,7 +217,11 @@ class Derivation:
 
     def to_text(self) -> str:
         """What a person reads first; at most 100 columns, deterministic."""
-        return typeset.text(self)
+        if self.wall is None:
+            return typeset.text(self)
+        from sphtrunc.theory.wall_text import text
+
+        return text(self)
 
     def __str__(self) -> str:
         return self.to_text()
