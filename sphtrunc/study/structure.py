@@ -79,7 +79,7 @@ def require_theory(scene: Any) -> None:
     home = getattr(scene, "home", scene)
     if not isinstance(home, Particles):
         return
-    if home.period is None:
+    if home.period is None or not np.all(np.isfinite(home.period)):
         raise ValueError(
             "scene: there is no theory for explicit particles without a periodic box; expected a"
             " period"
