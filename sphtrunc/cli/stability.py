@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sphtrunc.theory.modes import Mode, Rest
 
 REMEDIES = ("artificial-stress:EPS", "total-lagrangian", "stress-points")
-#: P₀/(ρc²) that `--pairing` takes where none is given: a gas with γ = 5/3
-GAS = Fraction(3, 5)
 _MEANING = {
     "longitudinal": "neighbours along the wave",
     "transverse": "shear of the lattice",
@@ -73,6 +71,11 @@ class Wave(NamedTuple):
     help="A wave in π/Δx, one number per axis as 1,1/2,0, or a point of the zone: X, W, L …;"
     " repeat it for several.",
 )
+@click.option(
+    "--viscosity",
+    metavar="ALPHA",
+    help="Artificial viscosity α, taken explicitly: the time step with it, too.",
+)
 @click.option("--pairing", is_flag=True, help="The number of neighbours from which particles pair.")
 @click.option(
     "--map",
@@ -117,6 +120,14 @@ def command(**given: Any) -> None:
         modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         seen = stability(rest)
         text, document = _text(seen, modes, exact), _document(seen, modes, exact)
+        if given["viscosity"] is not None:
+            step = _viscous(rest, given["viscosity"])
+            document["courant"]["kick-drift"] = step
+            document["viscosity"] = given["viscosity"]
+            text += (
+                f"\n\nTime step of kick and drift with viscosity α = {given['viscosity']}:"
+                f" cΔt/h < {step:.6g}"
+            )
     if given["format_"] == "json":
         emit(json.dumps(document, indent=1, ensure_ascii=False), given["output"])
     else:
@@ -125,7 +136,12 @@ def command(**given: Any) -> None:
 
 def _only(given: dict[str, Any], task: str) -> None:
     """Options that say where to look have no meaning for what looks everywhere."""
-    named = {"dx_over_h": "--dx-over-h", "neighbours": "--neighbours", "waves": "--k"}
+    named = {
+        "dx_over_h": "--dx-over-h",
+        "neighbours": "--neighbours",
+        "waves": "--k",
+        "viscosity": "--viscosity",
+    }
     if task == "map":
         named["pressure"] = "--pressure"
         if given["format_"] != "text" or given["output"] is not None:
@@ -133,6 +149,13 @@ def _only(given: dict[str, Any], task: str) -> None:
     used = [option for name, option in named.items() if given[name]]
     if used:
         raise click.UsageError(f"--{task} looks at all of them: without {', '.join(used)}")
+
+
+def _viscous(rest: Rest, alpha: str) -> float:
+    from sphtrunc.arithmetic.rational import exact as rational
+    from sphtrunc.study.stability import viscous_step
+
+    return viscous_step(rest, float(rational(alpha, "viscosity")))
 
 
 # ---------------------------------------------------------------------------------- what is asked
@@ -144,13 +167,14 @@ def _rest(given: dict[str, Any]) -> tuple[Rest, bool]:
     from sphtrunc.kernels.parse import kernel as parse_kernel
     from sphtrunc.operators.forces import force
     from sphtrunc.scenes.sites import DEFAULT, KINDS
+    from sphtrunc.study.pairing import DENSEST, GAS
     from sphtrunc.study.stability import ratio_of
     from sphtrunc.theory.modes import Rest
 
     kernel = parse_kernel(given["kernel"])
     dim = given["dim"]
-    densest = {**DEFAULT, 2: "hexagonal", 3: "fcc"}
-    kind = given["lattice"] or (densest if given["pairing"] else DEFAULT)[dim]
+    usual = DENSEST if given["pairing"] else DEFAULT
+    kind = given["lattice"] or usual[dim]
     kind = "cubic" if kind == "sc" else kind
     fitting = [name for name, data in KINDS.items() if data.dim == dim]
     if kind not in fitting:
@@ -331,7 +355,9 @@ def _pairing_text(rest: Rest, found: Pairing) -> str:
             f"{head}\nNo pairing: the longitudinal branch is stable up to {found.most:g}"
             " neighbours."
         )
-    where = f"point {found.point}" if found.point else f"k = {_numbers(found.k)} π/Δx"
+    where = f"k = {_numbers(found.k)} π/Δx on a grid of the zone"
+    if found.point:
+        where = f"point {found.point}"
     return "\n".join(
         wrapped(
             [

@@ -176,8 +176,12 @@ def _sum(fluid: Fluid, near: Pairs, P: Any, rho: Any, K_a: Any, K_b: Any) -> Any
     if fluid.stress is not None:
         far = np.array([fluid.stress.spacing * fluid.spacing / fluid.h], dtype=float)
         f = fluid.kernel_at(near.length / fluid.h, 0) / fluid.kernel_at(far, 0)
-        own = own * fluid.stress.factor(ends[0], f)
-        other = other * fluid.stress.factor(ends[1], f)
+        held = (own, other)
+        if fluid.stress.frozen:
+            rest = (fluid.state.pressure,) * 2 + (fluid.state.density,) * 2
+            held = (fluid.force.own(*rest), fluid.force.other(*rest))
+        own = own + fluid.stress.repulsion(held[0], ends[0], f)
+        other = other + fluid.stress.repulsion(held[1], ends[1], f)
     terms = _times(own, K_a) + _times(other, K_b)
     return -fluid.mass * near.total(terms)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped | Probes"
 
 def paired(scene: Scene) -> bool:
     """The neighbours of every target lie at ±s."""
-    home = getattr(scene, "lattice", scene)
+    home: Any = getattr(scene, "lattice", scene)
     still = not getattr(scene, "sigma", 0.0)
     return (
         isinstance(home, Lattice)

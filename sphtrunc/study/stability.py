@@ -21,6 +21,7 @@ import numpy as np
 from sphtrunc.kernels.conventions import BALL
 from sphtrunc.operators.forces import GRAD_H, PLAIN
 from sphtrunc.theory.brillouin import POINTS, directions, grid, scale, shortest
+from sphtrunc.theory.dispersion import damping
 from sphtrunc.theory.lattice_waves import Scan
 from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
 
@@ -108,6 +109,35 @@ def courant(highest: float) -> dict[str, float]:
         return {"leapfrog": inf, "rk2": 0.0, "rk4": inf}
     omega = sqrt(highest)
     return {"leapfrog": 2 / omega, "rk2": 0.0, "rk4": 2 * sqrt(2) / omega}
+
+
+def viscous_step(rest: Rest, alpha: float) -> float:
+    """The largest stable cΔt/h of kick and drift with artificial viscosity α taken explicitly: the
+    first C at which a wave flips its sign without shrinking, C²D + 2αC Γ = 4.
+
+    Raises ValueError for α < 0 and where no wave oscillates.
+    """
+    if not 0 <= alpha < inf:
+        raise ValueError(f"viscosity: got α = {alpha}, expected α >= 0")
+    scan = rest.scan(waves(rest.kind))
+
+    def most(step: float) -> float:
+        """4 minus the largest eigenvalue over the zone."""
+
+        def flipped(kappa: Any) -> Array:
+            lattice = scan.of(kappa).at(rest.kernel, float(rest.ratio), rest.volume)
+            matrix = rest.matrix(lattice, float(rest.pressure))
+            matrix = step * step * matrix + 2 * alpha * step * damping(lattice)
+            return np.asarray(-eigenvalues(matrix).real.max(axis=-1))
+
+        start = scan.kappa[int(flipped(scan.kappa).argmin())]
+        return 4 + _refine(start, flipped, rest.kind)[0]
+
+    highest = float(rest.frequencies(scan).omega2.max())
+    end = 1.001 * courant(highest)["leapfrog"]
+    if end == inf:
+        raise ValueError("viscosity: no wave oscillates, so that none limits the time step")
+    return _root(most, 1e-3 * end, end)
 
 
 def neighbours(kernel: Kernel | Gaussian, dim: int, ratio: float) -> float:
@@ -343,7 +373,8 @@ def curve(rest: Rest, counts: Sequence[float]) -> Curve:
 @dataclass(frozen=True)
 class Pairing:
     """The first number of neighbours at which the longitudinal branch fails under pressure, and
-    where in the zone; neighbours None where it does not up to `most`."""
+    where in the zone; neighbours None where it does not up to `most`, the least that was looked at
+    where it always does."""
 
     neighbours: float | None
     dx_over_h: float | None
@@ -376,31 +407,29 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
     reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
     scan = rest.scan(grid(rest.kind, divisions), reach)
 
-    def margin(count: float, some: Scan) -> tuple[float, int, float]:
+    def margin(count: float) -> tuple[float, int, float]:
         r = ratio_of(rest.kernel, rest.dim, count)
-        seen = replace(rest, ratio=Fraction(r)).frequencies(some)
+        seen = replace(rest, ratio=Fraction(r)).frequencies(scan)
         values = lowest(seen, LONGITUDINAL)
         worst = int(values.argmin())
         return float(values[worst]), worst, seen.rounding
 
-    steps = np.geomspace(least, most, int(60 * np.log(most / least)) + 2)
-    stable = False
+    def found(count: float, worst: int) -> Pairing:
+        kappa = scan.kappa[worst]
+        ratio = ratio_of(rest.kernel, rest.dim, count)
+        k = in_spacings(rest.kind, kappa)
+        return Pairing(count, ratio, k, named(rest.kind, kappa), most)
+
+    steps = [float(n) for n in np.geomspace(least, most, int(60 * np.log(most / least)) + 2)]
+    value, first, rounding = margin(steps[0])
+    never, stable = value < -rounding, value > rounding
     for before, count in pairwise(steps):
-        value, worst, rounding = margin(float(count), scan)
+        value, _, rounding = margin(count)
         if stable and value < -rounding:
-            edge = _root(lambda n: margin(n, scan)[0], float(before), float(count))
-            # at the grid point that fails first, to the last digit
-            _, worst, _ = margin(edge, scan)
-            kappa = scan.kappa[worst]
-            return Pairing(
-                edge,
-                ratio_of(rest.kernel, rest.dim, edge),
-                in_spacings(rest.kind, kappa),
-                named(rest.kind, kappa),
-                most,
-            )
+            edge = _root(lambda n: margin(n)[0], before, count)
+            return found(edge, margin(edge)[1])
         stable = stable or value > rounding
-    return Pairing(None, None, None, None, most)
+    return found(steps[0], first) if never and not stable else Pairing(None, None, None, None, most)
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from math import sqrt
@@ -96,7 +96,7 @@ class Rest:
             return dynamical(self.force, waves, pressure)
         epsilon = Fraction(self.stress.epsilon)
         number = _number if waves.exact else float if waves.offsets.dtype != object else _wide
-        stress = ArtificialStress(number(epsilon), self.stress.power, self.stress.spacing)
+        stress = replace(self.stress, epsilon=number(epsilon))
         return dynamical(self.force, waves, pressure, stress, self._at_spacing(waves))
 
     def _at_spacing(self, waves: LatticeWaves) -> Any:

@@ -196,3 +196,45 @@ def test_bad_input_ends_in_one_line(
     assert captured.err.startswith("Error: ")
     assert captured.err.count("\n") == 1
     assert message in captured.err
+
+
+def test_convert_knows_the_limit(capsys: pytest.CaptureFixture[str]) -> None:
+    """57.9 neighbours of the cubic spline are below 64.1, 100 are not; a line has no limit."""
+
+    def said(*arguments: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main(["convert", *arguments, "--pairing"])
+        captured = capsys.readouterr()
+        return f"{ended.value.code} {captured.out}{captured.err}"
+
+    assert "pair from 64.1157 neighbours on: this is below" in said(
+        *CUBIC, "--dim", "3", "--hfact", "1.2"
+    )
+    assert "pair from 64.1157 neighbours on: beyond that" in said(
+        *CUBIC, "--dim", "3", "--neighbours", "100"
+    )
+    assert "no pairing at any number of neighbours up to 1000" in said(
+        "--kernel", "wendland-c2", "--dim", "3", "--neighbours", "100"
+    )
+    assert '"pairing": 64.115' in said(*CUBIC, "--dim", "3", "--hdx", "1", "--format", "json")
+    assert said(*CUBIC, "--hdx", "1").startswith("2 Error: pairing: is of particles in 2D and 3D")
+
+
+def test_kernels_know_their_limits(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A column more, in every format; of two kernels here, as all of them take minutes."""
+    monkeypatch.setattr("sphtrunc.cli.kernels.names", lambda: ["cubic-spline", "wendland-c2"])
+
+    def listed(*arguments: str) -> list[str]:
+        with pytest.raises(SystemExit):
+            main(["kernels", "--dim", "3", "--pairing", *arguments])
+        return capsys.readouterr().out.splitlines()
+
+    _, head, cubic, wendland = listed()
+    assert head.endswith("pairs from")
+    assert cubic.endswith(" 64.1157")
+    assert wendland.endswith(" none")
+    assert [row["pairing"] is None for row in json.loads("".join(listed("--format", "json")))[
+        "kernels"]] == [False, True]  # fmt: skip
+    assert "pairs from" in listed("--format", "latex")[1]
