@@ -41,7 +41,7 @@ from sphtrunc.output import emit
 @options.snapshot
 @click.option("--allow-duplicates", is_flag=True, help="Take particles that coincide.")
 @click.option("--picture", metavar="FILE", help="Draw it: .png, .svg or .pdf.")
-@click.option("-o", "--output", metavar="FILE", help="All of it: .npz, .csv, .hdf5 or .vtp.")
+@click.option("-o", "--output", metavar="FILE", help="All of it: .npz, .csv, .hdf5, .vtp; .json: the summary.")
 @options.formats("text", "json")
 def command(**given: Any) -> None:
     """Map the truncation error over the particles of a file: the moments of every sum at every one.
@@ -119,6 +119,7 @@ def _operator(text: str) -> Any:
     from sphtrunc.operators.operator import Operator
 
     parts = text.split("/")
-    if not 1 <= len(parts) <= 3:
+    if len(parts) > 3:
         raise ValueError(f"estimate: got {text[:60]!r}, expected operator/form/correction")
-    return Operator(parts[0], *(part or None for part in parts[1:2]), *parts[2:])
+    name, form, correction = [*parts, "", ""][:3]
+    return Operator(name, form or None, correction or "none")

@@ -84,7 +84,7 @@ def command(**given: Any) -> int:
         "recipe": str(recipe),
         "period": [recipe.side] * recipe.dim,
         "steps": int(made.history.size) - 1,
-        "residual": float(made.history[-1]),
+        "residual": made.residual,
         "converged": made.converged,
         **regularity(made.particles, recipe.shape),
         "version": __version__,

@@ -14,7 +14,11 @@ from sphtrunc.version import __version__
 
 @click.command(name="structure")
 @click.argument("particles", metavar="FILE")
-@click.option("--period", metavar="L", help="Side of the periodic box, L or Lx,Ly,Lz.")
+@click.option(
+    "--period", metavar="L", help="Box in place of the file's: L or Lx,Ly,Lz; none: no period."
+)
+@click.option("--columns", metavar="Q=NAME,…", help="What columns hold, as for measure.")
+@click.option("--type", "kind", metavar="TYPE", help="Which particles of a file.")
 @click.option(
     "--reach", type=float, metavar="K", help="Up to kΔx = K.  [default: 40, 16, 10 in 1D, 2D, 3D]"
 )
@@ -24,7 +28,7 @@ from sphtrunc.version import __version__
 def command(particles: str, **given: Any) -> None:
     """S(k) of particles in a file, shell by shell, with its exponent and plateau at long waves.
 
-    FILE is .npz, .csv or .npy, or a recipe such as relaxed:glass,N=4096 (see relax).
+    FILE is a snapshot or a table, or a recipe such as relaxed:glass,N=4096 (see relax).
 
     \b
     sphtrunc structure glass.npz --period 1
@@ -32,32 +36,39 @@ def command(particles: str, **given: Any) -> None:
     """
     from sphtrunc.study.structure import structure_factor
 
-    factor = structure_factor(_scene(particles, given["period"]), reach=given["reach"])
+    home = scene(particles, given["period"], given["columns"], given["kind"])
+    factor = structure_factor(home, reach=given["reach"])
     k, S, error = factor.radial(given["bins"])
     render = {"text": _text, "json": _json, "csv": _csv}[given["format_"]]
     emit(render(factor, k, S, error), given["output"])
 
 
-def _scene(source: str, period: str | None) -> Any:
-    """The particles, of which only the places count."""
-    from sphtrunc.arithmetic.rational import exact
+def scene(
+    source: str, period: str | None, columns: str | None = None, kind: str | None = None
+) -> Any:
+    """The particles of a file or of a recipe, of which only the places count."""
     from sphtrunc.scenes.relaxed import PREFIX
 
     if source.startswith(PREFIX):
         from sphtrunc.experiment.relaxation import glass
         from sphtrunc.scenes.relaxed import recipe
 
-        if period is not None:
-            raise ValueError("period: a relaxed scene has its own box; expected no --period")
+        for name, value in (("period", period), ("columns", columns), ("type", kind)):
+            if value is not None:
+                raise ValueError(f"{name}: belongs to a file; a relaxed scene has its own box")
         return glass(recipe(source)).particles
-    from sphtrunc.scenes.files import read
-    from sphtrunc.scenes.particles import particles
+    from sphtrunc.scenes.snapshots.columns import chosen
+    from sphtrunc.scenes.snapshots.formats import read
 
-    sides = None
-    if period is not None:
-        sides = [float(exact(side, "period")) for side in period.split(",")]
-        sides = sides if len(sides) > 1 else sides[0]
-    return particles(read(source)["x"], h=1.0, volume=1.0, period=sides)
+    found = read(
+        source,
+        type=kind,
+        columns=None if columns is None else chosen(columns),
+        period=options.period(period),
+    )
+    for note in found.notes:
+        click.echo(f"note: {note}", err=True)
+    return found.particles(h=1.0)
 
 
 def _json(factor: Any, k: Any, S: Any, error: Any) -> str:

@@ -32,8 +32,8 @@ GROWTH = 2.0  # of a step over the last one
 class Relaxation:
     """Relaxed particles and how they came about.
 
-    particles: in a periodic box, lengths in Δx; history: the root mean square of |h∇ΣVW| before
-    each step and after the last
+    particles: in a periodic box, lengths in Δx, as they were when the residual was least; history:
+    the root mean square of |h∇ΣVW| before each step and after the last (it does not fall steadily)
     """
 
     recipe: Recipe
@@ -41,9 +41,14 @@ class Relaxation:
     history: Array
 
     @property
+    def residual(self) -> float:
+        """That of the particles."""
+        return float(self.history.min())
+
+    @property
     def converged(self) -> bool:
         """The residual asked for was reached."""
-        return bool(self.history[-1] <= self.recipe.residual)
+        return self.residual <= self.recipe.residual
 
 
 def relax(
@@ -72,7 +77,7 @@ def relax(
 
     x = recipe.begin()
     slope = climb(x)
-    size = [_rms(slope)]
+    size, best = [_rms(slope)], x
     rate = 0.5 * FARTHEST / max(size[0], 1e-300)
     while size[-1] > recipe.residual and len(size) <= recipe.steps:
         step = -rate * slope
@@ -87,10 +92,11 @@ def relax(
         rate = min(wanted, GROWTH * rate)
         slope = after
         size.append(_rms(slope))
+        best = x if size[-1] <= min(size) else best
         if progress is not None:
             progress(len(size) - 1, size[-1])
-    volume = np.broadcast_to(1.0 / recipe.density(x[0]), x.shape[1:])
-    made = particles(x.T, h=recipe.h, volume=volume, period=recipe.side)
+    volume = np.broadcast_to(1.0 / recipe.density(best[0]), best.shape[1:])
+    made = particles(best.T, h=recipe.h, volume=volume, period=recipe.side)
     return Relaxation(recipe, made, np.array(size))
 
 

@@ -22,8 +22,8 @@ _WIDTH = 4.2  # of a panel, in inches
 
 
 def draw(found: ErrorMap, path: str | Path) -> None:
-    """γ, the lengths of the moment errors that differ, and the errors of fields, over the particles:
-    in 1D against x, in 2D in the plane, in 3D in a slice as thick as the support through the middle.
+    """γ, the lengths of the moment errors, and the errors of fields, over the particles: in 1D
+    against x, in 2D in the plane, in 3D in a slice of two smoothing lengths through the middle.
 
     Raises ValueError where matplotlib is missing, for another suffix than .png, .svg or .pdf, and
     where the file cannot be written.
@@ -40,8 +40,11 @@ def draw(found: ErrorMap, path: str | Path) -> None:
     panels = _panels(found)
     columns = min(3, len(panels))
     rows = ceil(len(panels) / columns)
-    figure = Figure(figsize=(_WIDTH * columns, 3.7 * rows), layout="constrained")
     x, inside, said = _seen(found)
+    shape = np.ptp(x[inside], axis=0)
+    aspect = float(shape[-1] / (shape[0] or 1.0)) if x.shape[1] > 1 else 0.8
+    height = float(np.clip(0.8 * _WIDTH * aspect + 0.7, 1.8, 6.0))
+    figure = Figure(figsize=(_WIDTH * columns, height * rows + 0.4), layout="constrained")
     for i, (title, values, logarithmic) in enumerate(panels):
         axes = figure.add_subplot(rows, columns, i + 1)
         _panel(figure, axes, x[inside], values[inside], title, logarithmic)
@@ -57,7 +60,7 @@ def _panels(found: ErrorMap) -> list[tuple[str, Any, bool]]:
     arrays = shown(found)
     errors = [name for name in arrays if name.startswith("error of")]
     moments = [name for name in arrays if name[:2] in ("E0", "M1", "M2")]
-    for name in [*errors, *moments]:
+    for name in [*moments[:2], *errors, *moments[2:]]:
         values = arrays[name]
         if float(np.median(values)) < 1e-10 or len(panels) == _PANELS:
             continue
@@ -95,15 +98,16 @@ def _panel(figure: Any, axes: Any, x: Any, values: Any, title: str, logarithmic:
     # as large as the particles are apart, so that they cover the plane
     extent = np.ptp(x, axis=0).max() or 1.0
     size = np.clip((0.9 * 3.0 * 72 / np.sqrt(max(len(x), 1))) ** 2, 0.3, 60)
-    order = np.argsort(values if logarithmic else -np.abs(values - 1.0), kind="stable")
+    order = np.argsort(values if logarithmic else np.abs(values - 1.0), kind="stable")
     drawn = axes.scatter(
         *x[order].T, c=values[order], s=size, norm=norm, cmap="cividis", linewidths=0
     )
-    worst = order[-_MARKED:] if logarithmic else order[:_MARKED]
+    worst = order[-_MARKED:]
     axes.scatter(*x[worst].T, s=size + 60, facecolors="none", edgecolors="#c1121f", linewidths=1.1)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=7)
-    figure.colorbar(drawn, ax=axes, shrink=0.85).ax.tick_params(labelsize=7)
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.85)
+    bar.ax.tick_params(which="both", labelsize=6)
     _scale_bar(axes, x, extent)
 
 
@@ -111,6 +115,8 @@ def _scale_bar(axes: Any, x: Any, extent: float) -> None:
     """A bar of a round length below the particles."""
     power = 10.0 ** floor(log10(0.3 * extent))
     length = next(n * power for n in (2.0, 1.0, 0.5) if n * power <= 0.3 * extent)
-    left, bottom = x[:, 0].min(), x[:, 1].min() - 0.06 * extent
+    left, depth = x[:, 0].min(), max(0.12 * float(np.ptp(x[:, 1])), 0.03 * extent)
+    bottom = x[:, 1].min() - depth
     axes.plot([left, left + length], [bottom, bottom], "-", color="black", linewidth=2.5)
     axes.text(left + length, bottom, f"  {length:g}", va="center", fontsize=7)
+    axes.set_ylim(bottom - depth, x[:, 1].max() + depth)

@@ -73,7 +73,7 @@ class Jittered:
     def _cell(self) -> Array:
         """The primitive vectors as rows, in Δx: targets anywhere lie in the cell that they span."""
         length = np.array([float(u) for u in units(self.lattice.kind)])
-        return np.array(KINDS[self.lattice.kind].primitive) * length
+        return np.asarray(np.array(KINDS[self.lattice.kind].primitive) * length)
 
     def _sites(self, kernel: Kernel, reach: int = 1) -> Indices:
         slack = self.largest * (2.0 if self.target_moves else 1.0)
@@ -186,7 +186,7 @@ class Jittered:
 
 def jittered(
     lattice: Lattice,
-    sigma: float,
+    sigma: object,
     distribution: str = "gaussian",
     seed: int = 0,
     *,

@@ -101,7 +101,7 @@ def probes(home: Particles, count: int = POINTS, seed: int = 0) -> Probes:
 
     Raises ValueError for particles without a box, or with more than one h.
     """
-    if home.period is None:
+    if home.period is None or not np.all(np.isfinite(home.period)):
         raise ValueError(
             "at: random points need a periodic box; expected a period, or targets at particles"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped"
 
 def paired(scene: Scene) -> bool:
     """The neighbours of every target lie at ±s."""
-    home = getattr(scene, "lattice", scene)
+    home: Any = getattr(scene, "lattice", scene)
     still = not getattr(scene, "sigma", 0.0)
     whole = isinstance(home, Lattice) and home.wall is None
     return whole and still and in_pairs(home.kind, home.offset)

@@ -80,11 +80,11 @@ class Sloped:
         """
         require_support(fraction(kernel.support), self.gradient, self.rule)
         steep = sum(float(g) ** 2 for g in self.slope) ** 0.5 * float(kernel.support)
-        return max(1, ceil(EDGE / (1.0 - steep)))
+        return int(max(1, ceil(EDGE / (1.0 - steep))))
 
     def rows(self, kernel: Kernel) -> int:
         """An estimate of the number of candidates."""
-        return self.base.rows(kernel) * self.reach(kernel) ** self.dim
+        return int(self.base.rows(kernel) * self.reach(kernel) ** self.dim)
 
     def neighbourhood(
         self,

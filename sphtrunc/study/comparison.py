@@ -14,6 +14,7 @@ from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.experiment.fields import Polynomial, Sinusoid, polynomial
 from sphtrunc.experiment.measurement import Measurement
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
@@ -21,6 +22,7 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
+from sphtrunc.scenes.smoothing_lengths import Sloped
 from sphtrunc.study.structure import (
     by_structure,
     errors_by_structure,
@@ -31,6 +33,7 @@ from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
+from sphtrunc.theory.varying_scenes import predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -46,6 +49,11 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
         return scene, 0.0, "gaussian"
+    if isinstance(scene, Sloped):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for moments, not for fields; expected"
+            " moments alone"
+        )
     raise ValueError(
         "scene: there is no theory for graded particles; expected a lattice, with or without"
         " jitter, or explicit particles in a periodic box"
@@ -76,6 +84,8 @@ def predict_moments(
         )
     if by_structure(scene):
         return predict_by_structure(scene, kernel, operator, degree)
+    if isinstance(scene, Sloped):
+        return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
     lattice, sigma, distribution = rule(scene)
     return predict(
         parse_kernel(kernel),
@@ -86,6 +96,28 @@ def predict_moments(
         sigma=sigma,
         distribution=distribution,
         volume=lattice.volume,
+        degree=degree,
+    )
+
+
+def _predict_sloped(
+    scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> Prediction:
+    lattice, sigma, distribution = rule(scene.base)
+    if not isinstance(kernel, Kernel) or lattice.volume != "constant" or any(lattice.offset):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for constant volumes, targets that are"
+            " particles, and kernels that are polynomials"
+        )
+    return predict_varying(
+        kernel,
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        scene.gradient,
+        scene.rule,
+        sigma=sigma,
+        distribution=distribution,
         degree=degree,
     )
 
@@ -134,7 +166,7 @@ def compare(
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
     predicted = predict_moments(scene, kernel, operator, degree)
-    still = isinstance(scene, Lattice)
+    still = isinstance(getattr(scene, "base", scene), Lattice)
     measured = measure(
         scene, kernel, operator, moments=degree, targets=targets, seed=seed, bound=still
     )

@@ -28,7 +28,7 @@ from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, label, multi_indices, unit
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.operators.terms import VALUE, Key
-from sphtrunc.scenes.scene import every_target, sample
+from sphtrunc.scenes.scene import Indices, every_target, sample
 from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.version import __version__
 
@@ -90,7 +90,7 @@ class ErrorMap:
     """
 
     kernel: str
-    target: Array
+    target: Indices
     x: Array
     h: Array
     alpha: Array
@@ -99,7 +99,7 @@ class ErrorMap:
     gamma: Array
     distance: Array
     condition: Array
-    flag: Array
+    flag: Indices
     fields: Mapping[str, Mapping[str, FieldErrors]]
 
     @property
@@ -117,10 +117,10 @@ class ErrorMap:
             for n in range(int(degree.max()) + 1)
         }
 
-    def arrays(self) -> dict[str, Array]:
+    def arrays(self) -> dict[str, Any]:
         """The contract of `map -o FILE.npz`: x, h, particle, alpha, gamma, distance, condition,
         flag, moments_<operator>_<form>_<correction>, and error_<field>_<estimate>."""
-        found = {
+        found: dict[str, Any] = {
             "x": self.x,
             "h": self.h,
             "particle": self.target,
@@ -138,9 +138,9 @@ class ErrorMap:
                 found[f"own_{field}_{name}"] = one.own
         return found
 
-    def columns(self) -> dict[str, Array]:
+    def columns(self) -> dict[str, Any]:
         """One column for each number of a target: a table."""
-        found = {"particle": self.target}
+        found: dict[str, Any] = {"particle": self.target}
         found |= {"xyz"[i]: axis for i, axis in enumerate(self.x.T)}
         found |= {"h": self.h, "gamma": self.gamma, "distance": self.distance}
         found |= {"condition": self.condition, "flag": self.flag}
@@ -366,9 +366,9 @@ def _moments(
     kernel: Kernel,
     operators: Sequence[Operator],
     degree: int,
-    chosen: Array,
+    chosen: Indices,
     options: Mapping[str, Any],
-) -> tuple[Array, Array, dict[str, Array], dict[str, Array], Array]:
+) -> tuple[Array, Array, dict[str, Array], dict[str, Array], Indices]:
     """γ, condition, moments and what they should be of every operator, and neighbours, from one
     pass over the pairs."""
     dim = scene.dim
@@ -402,7 +402,7 @@ def _moments(
     )  # fmt: skip
     gamma, condition = np.empty(chosen.size), np.zeros(chosen.size)
     others = np.empty(chosen.size, dtype=np.int64)
-    moments = {
+    moments: dict[str, Array] = {
         _name(one): np.empty((chosen.size, len(one.components(dim)), len(alphas)))
         for one in operators
     }
@@ -433,7 +433,7 @@ def _moments(
     block = max(1, min(1 << 15, _NUMBERS // summed.rows.shape[1]))
     with ThreadPoolExecutor(threads(options.get("workers"))) as pool:
         list(pool.map(finish, range(0, chosen.size, block)))
-    exact = {}
+    exact: dict[str, Array] = {}
     for one in operators:
         should = [one.target(dim, c) for c in range(len(one.components(dim)))]
         exact[_name(one)] = np.array([[float(t.get(a, 0)) for a in alphas] for t in should])

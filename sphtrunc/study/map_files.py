@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.study.error_map import ErrorMap
 
-SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp")
+SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
 
 
 def write(found: ErrorMap, path: str | Path) -> None:
     """The map in the format that the name of the file says.
 
     .npz and .hdf5 hold `ErrorMap.arrays`, .csv its `columns`, .vtp the lengths of the moment errors
-    and the errors of fields at the particles. Raises ValueError for another name, and where the
+    and the errors of fields at the particles, .json the summary. Raises ValueError for another name, and where the
     file cannot be written.
     """
     suffix = Path(path).suffix
@@ -30,10 +30,12 @@ def write(found: ErrorMap, path: str | Path) -> None:
         write_columns(found.columns(), str(path))
     elif suffix == ".npz":
         buffer = io.BytesIO()
-        np.savez(buffer, **found.arrays())  # type: ignore[arg-type]
+        np.savez(buffer, **found.arrays())
         write_atomically(path, buffer.getvalue())
     elif suffix in (".h5", ".hdf5"):
         write_atomically(path, _hdf5(found))
+    elif suffix == ".json":
+        write_atomically(path, found.to_json() + "\n")
     elif suffix == ".vtp":
         write_atomically(path, vtp(found.x, shown(found)))
     else:
@@ -41,8 +43,8 @@ def write(found: ErrorMap, path: str | Path) -> None:
 
 
 def shown(found: ErrorMap) -> dict[str, Array]:
-    """One number for each target and quantity: γ, condition, flag, the length of the moment error of
-    each degree, and the lengths of the errors of fields."""
+    """One number for each target and quantity: γ, condition, flag, the length of the moment error
+    of each degree, and the lengths of the errors of fields."""
     arrays: dict[str, Any] = {"gamma": found.gamma, "condition": found.condition}
     arrays["flag"] = found.flag
     for name in found.moments:
@@ -80,7 +82,7 @@ def vtp(x: Array, arrays: dict[str, Array]) -> bytes:
     points[:, : x.shape[1]] = x
     blob = io.BytesIO()
 
-    def entry(name: str, values: Array, width: int = 1) -> str:
+    def entry(name: str, values: Any, width: int = 1) -> str:
         kind, dtype = ("Int64", "<i8") if values.dtype.kind in "biu" else ("Float64", "<f8")
         raw = np.ascontiguousarray(values, dtype=dtype).tobytes()
         at = blob.tell()

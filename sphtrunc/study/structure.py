@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.rational import exact
 from sphtrunc.experiment.engine import volumes
+from sphtrunc.experiment.relaxation import glass
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.probes import Probes
+from sphtrunc.scenes.relaxed import Recipe
+from sphtrunc.scenes.sites import DEFAULT
 from sphtrunc.theory.disorder.spectral_law import predict_errors_from, predict_from
-from sphtrunc.theory.disorder.structure_factor import StructureFactor, displaced, measured
+from sphtrunc.theory.disorder.structure_factor import (
+    StructureFactor,
+    displaced,
+    measured,
+    poisson,
+)
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -42,7 +52,37 @@ def structure_factor(scene: Scene | Probes, *, reach: float | None = None) -> St
             "scene: graded particles are not homogeneous and have no structure factor; expected a"
             " lattice, displaced or not, or particles"
         )
-    return measured(scene.x, scene.period, reach=reach)
+    closed = scene.period is not None and bool(np.all(np.isfinite(scene.period)))
+    return measured(scene.x, scene.period if closed else None, reach=reach)
+
+
+GLASS = {1: 1024, 2: 1024, 3: 4096}  # particles of the glass that stands for all
+STEPS = 150
+
+
+def disorder(
+    text: str, dim: int, scene: Particles | None = None
+) -> tuple[StructureFactor, Fraction]:
+    """(S in closed form, α of S ∝ k^α at long waves) of jitter:0.1, poisson or glass, a glass of
+    pair repulsion made for that; or of the particles of `scene`.
+
+    Raises ValueError for anything else.
+    """
+    sort, _, size = text.partition(":")
+    if scene is None and sort == "jitter":
+        sigma = float(exact(size, "disorder"))
+        return displaced(DEFAULT[dim], sigma), Fraction(2)
+    if scene is None and text == "poisson":
+        return poisson(dim), Fraction(0)
+    if scene is None and text != "glass":
+        raise ValueError(
+            f"disorder: got {text[:40]!r}, expected jitter:0.1, glass, poisson or a file"
+        )
+    home = scene or glass(Recipe(count=GLASS[dim], dim=dim, steps=STEPS)).particles
+    if home.dim != dim:
+        raise ValueError(f"disorder: {text[:40]} is {home.dim}D, expected {dim}D")
+    found = structure_factor(home)
+    return found.smoothed(), found.fit().power
 
 
 def by_structure(scene: Scene | Probes) -> bool:
@@ -79,7 +119,7 @@ def require_theory(scene: Any) -> None:
     home = getattr(scene, "home", scene)
     if not isinstance(home, Particles):
         return
-    if home.period is None:
+    if home.period is None or not np.all(np.isfinite(home.period)):
         raise ValueError(
             "scene: there is no theory for explicit particles without a periodic box; expected a"
             " period"

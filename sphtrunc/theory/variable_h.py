@@ -31,7 +31,7 @@ from sympy import QQ, Expr, Float, Rational
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.arguments import rational
-from sphtrunc.kernels.factors import _radial_moment, laurent
+from sphtrunc.kernels.factors import laurent, radial_moment
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
 from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, unit
@@ -39,7 +39,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.derivation import Derivation, Varying
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context, rounded
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
@@ -139,7 +139,8 @@ def _taylor(value: Any, order: int) -> list[Rational]:
     """Taylor coefficients of a rational function of one symbol whose denominator is not 0 at 0."""
     top = dict(value.numer.terms())
     bottom = dict(value.denom.terms())
-    first, out = bottom[(0,)], []
+    first = bottom[(0,)]
+    out: list[Any] = []
     for n in range(order + 1):
         c = top.get((n,), QQ(0))
         c -= sum((bottom.get((n - m,), QQ(0)) * out[m] for m in range(n)), QQ(0))
@@ -224,10 +225,10 @@ def _summed(
 def _along(kernel: Kernel, key: Key, slopes: tuple[Fraction, ...], n: int) -> Fraction:
     """∫ (term) (g·t)^n d^d t, the term with its t^α: Σ c ∫ t^β f(|t|) (g·t)^n."""
     total = Fraction(0)
-    for c, beta, name in parts(key):
+    for c, beta, factor in parts(key):
         mean = mean_along(beta, slopes, n)
         if mean:
-            radial = _radial_moment(kernel, name, sum(beta) + n, len(beta))
+            radial = radial_moment(kernel, factor, sum(beta) + n, len(beta))
             total += c * mean * fraction(radial)
     return total
 
@@ -243,7 +244,7 @@ def mean_along(beta: MultiIndex, slopes: tuple[Fraction, ...], n: int) -> Fracti
         left = [b - t for b, t in zip(beta, tau, strict=True)]
         if k > n or (n - k) % 2 or any(x % 2 for x in left):
             continue
-        ways = perm(n, k) * _pairings(n - k)
+        ways = Fraction(perm(n, k) * _pairings(n - k))
         for b, t, x, g in zip(beta, tau, left, slopes, strict=True):
             ways *= comb(b, t) * _pairings(x) * g**t
         total += ways * square ** ((n - k) // 2)
@@ -262,8 +263,8 @@ def _absolute(kernel: Kernel, key: Key) -> Fraction:
     dim = len(alpha)
     total = Fraction(0)
     knots = [fraction(k) for k in kernel.knots]
-    for c, beta, name in parts(key):
-        for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
+    for c, beta, factor in parts(key):
+        for a, b, piece in zip(knots, knots[1:], laurent(kernel, factor), strict=False):
             for j, x in piece.items():
                 power = j + sum(beta) + dim
                 if power > 0:
@@ -320,11 +321,11 @@ def lattice_sums_of(
             around.append((s, [x / stretch for x in s], stretch))
     there = not any(offset)
     squares = [sum((x * x for x in t), Fraction(0)) for _, t, _ in around]
-    names = {name for key in keys for _, _, name in parts(key)}
-    found = {name: _radial(kernel, name, squares, True, dim) for name in names}
+    factors = {factor for key in keys for _, _, factor in parts(key)}
+    found = {k: _radial(kernel, k, squares, True, dim) for k in factors}
     rational = all(values is not None for values in found.values())
     if not rational:
-        found = {name: _radial(kernel, name, squares, False, dim) for name in names}
+        found = {k: _radial(kernel, k, squares, False, dim) for k in factors}
     ctx = real_context()
     volume = dx_over_h**dim
     sigma = kernel.normalisation(dim)
@@ -335,8 +336,8 @@ def lattice_sums_of(
     for key in keys:
         term, alpha = key
         total: Any = Fraction(0) if rational else ctx.zero
-        for c, beta, name in parts((term, unit(dim, 0, 0))):
-            values = found[name]
+        for c, beta, factor in parts((term, unit(dim, 0, 0))):
+            values = found[factor]
             assert values is not None
             for (s, t, stretch), value in zip(around, values, strict=True):
                 weight = c / stretch ** (dim + derivatives_of(term)) * value
@@ -402,7 +403,7 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
 def _shown(value: Any) -> Expr:
     """An exact number, or a 50-digit one to 30 digits."""
     if hasattr(value, "context"):
-        return Float(Rational(int(value.context.nint(value * 10**40)), 10**40), 30)
+        return rounded(value)
     return Rational(value) if isinstance(value, int) else value
 
 

@@ -25,7 +25,7 @@ def error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         main(list(arguments))
     assert end.value.code == 2
     text = capsys.readouterr().err
-    assert text.count("\n") == 1
+    assert text.count("Error:") == 1
     return text
 
 
@@ -62,8 +62,7 @@ def test_the_structure_as_text_and_csv(squares: str, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--period", "0.5"), "the particles extend over"),
-        (("--period", "1,2,3"), "period: expected one length or 2"),
+        (("--period", "1,2,3"), "expected one length or 2"),
         (("--period", "x"), "period: got 'x'"),
         (("--period", "2", "--reach", "1e4"), "reach:"),
     ],
@@ -75,10 +74,10 @@ def test_bad_boxes(
 
 
 def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "No such file" in error(capsys, "structure", str(tmp_path / "none.npz"))
+    assert "there is no such file" in error(capsys, "structure", str(tmp_path / "none.npz"))
     for name, x, says in (
         ("three", np.random.default_rng(0).random((3, 2)), "got 3, expected at least 8"),
-        ("point", np.ones((30, 2)), "one place"),
+        ("point", np.ones((30, 2)), "at one place"),
     ):
         np.savez(tmp_path / f"{name}.npz", x=x)
         assert says in error(capsys, "structure", str(tmp_path / f"{name}.npz"), "--period", "2")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from oracle import mass, mean_value, shape_of
 from sympy import Rational, bernoulli, factorial
 
-from sphtrunc import derive, kernel
+from sphtrunc import derive, kernel, lattice, measure
 from sphtrunc.cli import group
 from sphtrunc.kernels.catalogue import names
 
@@ -137,3 +137,19 @@ def test_bad_input(arguments: list[str], says: str) -> None:
     done = CliRunner().invoke(group, ["derive", "-k", "cubic-spline", *arguments])
     assert isinstance(done.exception, (ValueError, SystemExit))
     assert says in str(done.exception)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("name", ["spiky", "b-spline:2", "0..2: (2-q)^3"])
+def test_where_the_slope_does_not_vanish_at_the_origin(name: str, dim: int) -> None:
+    """w′(0) ≠ 0: at a particle ∂ᵢ²Ŵ ~ w′(0)/q has no value in the plane and in space, which is said
+    and not summed; beside one, in 1D, and for kernels with w′(0) = 0 there is one."""
+    scene = lattice(dim, None, "3/4")
+    beside = lattice(dim, None, "3/4", [Fraction(1, 3)] * dim)
+    with pytest.raises(ValueError, match=f"do not exist at the particle itself in {dim}D"):
+        measure(scene, name, "laplacian")
+    with pytest.raises(ValueError, match="has no second derivative at q = 0"):
+        derive(name, "laplacian", dim=dim, dx_over_h="3/4")
+    assert measure(beside, name, "laplacian", moments=2).flagged == 0
+    assert measure(scene, "cubic-spline", "laplacian", moments=2).flagged == 0
+    assert measure(lattice(1, None, "3/4"), name, "laplacian", moments=2).flagged == 0

@@ -1,13 +1,13 @@
 """PySPH: output of its solver as HDF5 and as NPZ.
 
-Ramachandran et al. (2021) doi:10.1145/3460773. The NPZ holds pickled dictionaries; they are read by
-`Plain`, which knows numbers, text, containers and arrays, and runs nothing.
+Ramachandran et al. (2021) doi:10.1145/3460773. The NPZ holds dictionaries as Python dumps them.
+They are read opcode by opcode: numbers, text, containers and arrays are known, nothing is run.
 """
 
 from __future__ import annotations
 
 import io
-import pickle
+import pickletools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -96,7 +96,7 @@ def _name(value: object) -> str:
 
 
 def _unpickled(name: str, data: bytes) -> Any:
-    """The one object of a pickled .npy member of shape ()."""
+    """The one object of a member of shape () that holds objects."""
     file = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(file)
@@ -107,10 +107,10 @@ def _unpickled(name: str, data: bytes) -> Any:
         shape, _, dtype = reader(file)
         if dtype.kind != "O" or shape not in ((), (1,)):
             raise ValueError(f"{name}: expected one object")
-        held = _Reader(file, encoding="bytes").load()
-    except (ValueError, KeyError):
+        held = _told(file.read())
+    except ValueError:
         raise
-    except Exception as error:  # a pickle machine that reads noise fails in every way there is
+    except Exception as error:  # what reads noise fails in every way there is
         raise ValueError(f"{name}: damaged: {str(error)[:80]}") from None
     # the array around the one object
     inside = held.state if isinstance(held, Plain) else None
@@ -120,13 +120,11 @@ def _unpickled(name: str, data: bytes) -> Any:
 
 
 class Plain:
-    """What stands in a pickle for an array or a dtype of NumPy: its state, and no code of NumPy."""
+    """What stands in a dump for an array or a dtype of NumPy: its state, and no code of NumPy."""
 
-    def __init__(self, *arguments: Any) -> None:
-        self.arguments, self.state = arguments, None
-
-    def __setstate__(self, state: Any) -> None:
-        self.state = state
+    def __init__(self, name: str, arguments: tuple[Any, ...]) -> None:
+        self.name, self.arguments = name, arguments
+        self.state: Any = None
 
     def array(self) -> NDArray[Any]:
         """The numbers; raises ValueError for a state that is not one of an array of numbers."""
@@ -134,6 +132,8 @@ class Plain:
         if not isinstance(state, tuple) or len(state) != 5:
             raise ValueError("damaged: an array without numbers")
         _, shape, dtype, fortran, data = state
+        if not isinstance(shape, tuple) or not all(isinstance(n, int) for n in shape):
+            raise ValueError("damaged: an array without a shape")
         code = dtype.arguments[0] if isinstance(dtype, Plain) and dtype.arguments else None
         if isinstance(code, bytes):
             code = code.decode("ascii", "replace")
@@ -151,24 +151,92 @@ class Plain:
         return np.frombuffer(data, dtype=exact).reshape(shape)
 
 
-class _Reader(pickle.Unpickler):
-    """A pickle machine for which every name is `Plain`."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        if module.split(".")[0] == "numpy" and name in (
-            "_reconstruct",
-            "ndarray",
-            "dtype",
-            "scalar",
-        ):
-            return Plain
-        if (module, name) == ("_codecs", "encode"):
-            return _encoded
-        raise ValueError(f"it names {module}.{name}, which is not run; expected numbers and text")
+_MARK = object()
+_ARRAYS = ("_reconstruct", "ndarray", "dtype", "scalar")
+#: opcodes that push what stands behind them
+_VALUES = {
+    "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING",
+    "BINSTRING", "SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8",
+    "BINBYTES", "SHORT_BINBYTES", "BINBYTES8",
+}  # fmt: skip
+_CONSTANTS: dict[str, Any] = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 
 
-def _encoded(text: str, encoding: str) -> bytes:
-    """How pickles of the second protocol write bytes."""
-    if encoding not in ("latin1", b"latin1"):
-        raise ValueError("damaged text")
-    return text.encode("latin1") if isinstance(text, str) else bytes(text)
+def _told(data: bytes) -> Any:
+    """What the opcodes of a dump of Python objects build, of numbers, text and containers; nothing
+    that is named in it is looked up or called.
+
+    Raises ValueError for any other opcode, and for names that are not those of NumPy's arrays.
+    """
+    stack: list[Any] = []
+    memo: dict[Any, Any] = {}
+
+    def since_mark() -> list[Any]:
+        at = max(i for i, value in enumerate(stack) if value is _MARK)
+        found = stack[at + 1 :]
+        del stack[at:]
+        return found
+
+    for opcode, argument, _ in pickletools.genops(data):
+        name = opcode.name
+        if name in _VALUES:
+            stack.append(argument)
+        elif name in _CONSTANTS:
+            stack.append(_CONSTANTS[name])
+        elif name == "MARK":
+            stack.append(_MARK)
+        elif name in ("EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
+            stack.append({"EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
+        elif name in ("DICT", "LIST", "TUPLE"):
+            parts = since_mark()
+            pairs = zip(parts[::2], parts[1::2], strict=False)
+            stack.append({"DICT": dict(pairs), "LIST": parts, "TUPLE": tuple(parts)}[name])
+        elif name in ("TUPLE1", "TUPLE2", "TUPLE3"):
+            count = int(name[-1])
+            stack[-count:] = [tuple(stack[-count:])]
+        elif name in ("MEMOIZE", "PUT", "BINPUT", "LONG_BINPUT"):
+            memo[len(memo) if argument is None else argument] = stack[-1]
+        elif name in ("GET", "BINGET", "LONG_BINGET"):
+            stack.append(memo[argument])
+        elif name in ("APPEND", "APPENDS"):
+            parts = since_mark() if name == "APPENDS" else [stack.pop()]
+            stack[-1].extend(parts)
+        elif name in ("SETITEM", "SETITEMS"):
+            parts = since_mark() if name == "SETITEMS" else [stack.pop(-2), stack.pop()]
+            stack[-1].update(zip(parts[::2], parts[1::2], strict=True))
+        elif name in ("GLOBAL", "STACK_GLOBAL"):
+            module, member = argument.split(" ") if argument else (stack.pop(-2), stack.pop())
+            stack.append(_known(str(module), str(member)))
+        elif name == "REDUCE":
+            arguments = stack.pop()
+            stack[-1] = _made(stack[-1], arguments)
+        elif name == "BUILD":
+            state = stack.pop()
+            if not isinstance(stack[-1], Plain):
+                raise ValueError("damaged: the state of something that is no array")
+            stack[-1].state = state
+        elif name == "POP":
+            stack.pop()
+        elif name not in ("PROTO", "FRAME", "STOP"):
+            raise ValueError(f"it says {name}, which is not done; expected numbers and text")
+    return stack[-1]
+
+
+def _known(module: str, member: str) -> str:
+    """The name of something that stands in the dump of an array; raises ValueError for others."""
+    if module.split(".")[0] == "numpy" and member in _ARRAYS:
+        return member
+    if (module, member) == ("_codecs", "encode"):
+        return member
+    raise ValueError(f"it names {module}.{member}, which is not run; expected numbers and text")
+
+
+def _made(name: Any, arguments: Any) -> Any:
+    if not isinstance(name, str) or not isinstance(arguments, tuple):
+        raise ValueError("damaged: something is called that is no array")
+    if name == "encode":  # how the second protocol writes bytes
+        text, encoding = arguments
+        if encoding not in ("latin1", b"latin1"):
+            raise ValueError("damaged text")
+        return text.encode("latin1") if isinstance(text, str) else bytes(text)
+    return Plain(name, arguments)

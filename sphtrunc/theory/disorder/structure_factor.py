@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from math import pi, sqrt
@@ -57,6 +58,15 @@ class Fit:
     plateau_error: float
     upto: float
     modes: int
+
+    @property
+    def power(self) -> Fraction:
+        """α as it is taken to be: the nearest half, 0 where it is not known to differ from that."""
+        if self.exponent is None or self.exponent_error is None:
+            raise ValueError("particles: S vanishes at long waves, it has no exponent there")
+        if self.exponent < max(2 * self.exponent_error, 0.25):
+            return Fraction(0)
+        return Fraction(round(2 * self.exponent), 2)
 
 
 @dataclass(frozen=True)
@@ -213,6 +223,30 @@ class StructureFactor:
         error = sqrt(float(np.linalg.inv(fisher)[1, 1])) * scatter
         spread = max(float(y.std()), mean) / sqrt(count)
         return Fit(float(at[1]), error, mean, spread, float(k.max()), count)
+
+    def smoothed(self) -> StructureFactor:
+        """The measured S as a law of |k|: through the means of shells, a power below them (a
+        plateau where the exponent is not known to differ from 0), and ⟨w²⟩ beyond.
+
+        Raises ValueError for an anisotropic arrangement, and for one that is a lattice.
+        """
+        if self.anisotropic:
+            raise ValueError("particles: S differs between directions; expected an isotropic set")
+        fit = self.fit()
+        if fit.exponent is None or fit.exponent_error is None:
+            raise ValueError("particles: S vanishes at long waves; expected disordered particles")
+        alpha = fit.power
+        k, S, _ = self.radial()
+        low = np.log(np.maximum(S, 1e-300))
+        first = np.log(fit.plateau) if not alpha else low[0]
+
+        def law(wave: Array) -> Array:
+            length = np.sqrt((wave * wave).sum(axis=0))
+            inside = np.exp(np.interp(np.log(np.maximum(length, 1e-300)), np.log(k), low))
+            below = np.exp(first) * (np.minimum(length, k[0]) / k[0]) ** float(alpha)
+            return np.where(length > k[-1], self.own, np.where(length < k[0], below, inside))
+
+        return StructureFactor(self.dim, f"{self.by}, means over shells", law=law)
 
     def directions(self) -> list[tuple[float, float]]:
         """For each axis: S of the waves within 30° of it over the mean of all of the same length,
