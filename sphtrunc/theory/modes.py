@@ -52,12 +52,13 @@ class Rest:
     """Particles of equal mass at rest on a lattice, under a uniform pressure.
 
     kernel, kind, ratio: the kernel, a lattice of `scenes.sites`, Δx/h
-    force: a form of `operators.forces`; pressure: p = P₀/(ρc²); stress: artificial stress
+    force: a form of `operators.forces`; pressure: p = P₀/(ρc²)
+    stress: artificial stress, which acts for p < 0; not at p = 0, where its force has a kink
     volume: "summation", ρ = Σ m W; "constant", ρ = m/Δx^d, as a density that is integrated from
         there keeps it (and as stress points have it)
 
-    Raises ValueError for Δx/h <= 0, an unknown volume, a lattice on which the form has no formula,
-    and where no neighbour is inside the support.
+    Raises ValueError for Δx/h <= 0, an unknown volume, and a lattice on which the form has no
+    formula; what is asked of it does so where no neighbour is inside the support.
     """
 
     kernel: Kernel | Gaussian
