@@ -27,6 +27,7 @@ from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood
 from sphtrunc.scenes.particles import Particles
+from sphtrunc.scenes.smoothing_lengths import Sloped
 
 
 def evaluated(task: Task, target: Indices) -> Block:
@@ -191,6 +192,8 @@ def _exactly(task: Task, target: Indices) -> Block:
             particle = stretch = None
             if isinstance(task.scene, Particles):
                 particle, stretch = task.scene.exact_pairs(int(one), task.kernel)
+            elif isinstance(task.scene, Sloped):
+                stretch = task.scene.exact_stretch(int(one), task.kernel)
             seen = Neighbourhood(
                 offset=offset.astype(np.float64)[:, :, None],
                 volume=volume.astype(np.float64)[:, None],

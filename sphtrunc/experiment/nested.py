@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import isinf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -294,12 +295,18 @@ def _exact_views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood
     most = fraction(kernel.support) ** 2
     box = None
     if isinstance(scene, Particles) and scene.period is not None:
-        box = fractions(scene.period) / fractions(scene.h[:1])[0]
+        own = fractions(scene.h[:1])[0]
+        box = [None if isinf(side) else Fraction(side) / own for side in scene.period.tolist()]
     for row, here in enumerate(near.T):
         t = wide - here[:, None]
         if box is not None:
-            t = np.array([[x - length * round(x / length) for x in axis]
-                          for axis, length in zip(t, box, strict=True)], dtype=object)  # fmt: skip
+            t = np.array(
+                [
+                    axis if side is None else [x - side * round(x / side) for x in axis]
+                    for axis, side in zip(t, box, strict=True)
+                ],
+                dtype=object,
+            )
         inside = (t * t).sum(axis=0) <= most
         yield View(
             rows=slice(row, row + 1),

@@ -102,12 +102,15 @@ def act(
     requests: Sequence[tuple[Sequence[Part], Array]],
     *,
     bound: bool = False,
+    targets: Any = None,
 ) -> list[Action]:
     """Parts applied to fields, all in as few passes over the pairs as there are sides.
 
     requests: (parts, field), the field (n,), or (d, n) where each part takes the component of its
-    axis. Raises ValueError as the engine does.
+        axis; targets: indices (T,) of the rows that are wanted, None for all
+    Raises ValueError as the engine does.
     """
+    at: Any = slice(None) if targets is None else np.asarray(targets)
     sources: dict[tuple[str, int, int], int] = {}  # (side, id of r, id of A or 0) -> row
     rows: dict[str, list[Array]] = {}
     keys: dict[str, dict[int, dict[Key, None]]] = {}
@@ -129,15 +132,15 @@ def act(
         placed.append(places)
     sums: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
     for side, fields in rows.items():
-        sums |= _passes(cloud, side, fields, keys[side], bound)
+        sums |= _passes(cloud, side, fields, keys[side], bound, targets)
     result = []
     for (parts, field), places in zip(requests, placed, strict=True):
-        value, error, size = np.zeros((3, cloud.dim, cloud.count))
+        value, error, size = np.zeros((3, cloud.dim, cloud.h[at].size))
         for part, place in zip(parts, places, strict=True):
             total, radius = sums[part.side, part.key, place]
-            left = part.left
+            left = part.left[at]
             if part.own:
-                left = left * (field if field.ndim == 1 else field[part.axis])
+                left = left * (field if field.ndim == 1 else field[part.axis])[at]
             term = left * total
             value[part.axis] += term
             size[part.axis] += np.abs(term)
@@ -150,7 +153,12 @@ def act(
 
 
 def _passes(
-    cloud: Cloud, side: str, fields: list[Array], keys: dict[int, dict[Key, None]], bound: bool
+    cloud: Cloud,
+    side: str,
+    fields: list[Array],
+    keys: dict[int, dict[Key, None]],
+    bound: bool,
+    targets: Any,
 ) -> dict[tuple[str, Key, int], tuple[Array, Any]]:
     """The sums that are asked for on one side, in units of length, and their bounds."""
     scene = cloud.scene(side)
@@ -167,10 +175,11 @@ def _passes(
             fields=np.stack([fields[f] for f in chosen]),
             field_keys=some,
             bound=bound,
+            targets=targets,
             workers=cloud.workers,
         ).sums()
         for key in some:
-            scale = _length_power(cloud.h, key)
+            scale = _length_power(cloud.h[done.targets], key)
             for row, f in enumerate(chosen):
                 radius = None
                 if bound:

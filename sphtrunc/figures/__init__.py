@@ -21,6 +21,9 @@ FIGURES = {
     "disorder-h": ("disorder", "Error against h/λ for σ/Δx from 0 to 0.2."),
     "disorder-dx": ("disorder", "Error against Δx/h for σ/Δx from 0 to 0.2."),
     "randomness": ("disorder", "Gaussian, uniform, blue, relaxed and graded particles, equal σ."),
+    "structure": ("structure", "S(k) of independent, displaced and relaxed particles."),
+    "disorder-kinds": ("structure", "Gradient noise against neighbours, each kind of disorder."),
+    "relaxation": ("structure", "Gradient noise at and between particles as they relax."),
     "first-order": ("disorder", "CSPH and RKPM-1 against standard and difference forms."),
     "3d-standard": ("disorder", "3D, σ/Δx = 0.2, against h/λ and neighbours."),
     "3d-corrected": ("disorder", "The same for corrected forms."),
@@ -29,6 +32,11 @@ FIGURES = {
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
     "round-off": ("tradeoffs", "Rounding of three forms in three precisions, and its floors."),
     "work-precision": ("tradeoffs", "Error against pairs, along the best path."),
+    "dispersion": ("stability", "Sound on a lattice: forms and pressures, and the limit."),
+    "tensile": ("stability", "Growth under tension over Δx/h and P₀, and in runs."),
+    "pairing": ("stability", "The weakest waves against neighbours, both branches, on fcc."),
+    "remedies": ("stability", "Artificial stress, total Lagrangian, stress points."),
+    "time-step": ("stability", "The largest stable time step of leapfrog."),
 }
 
 

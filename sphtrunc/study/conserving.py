@@ -185,8 +185,9 @@ def conserve(
         raise ValueError(f"mass-spread: got {mass_spread:g}, expected a ratio from 1 to 1000")
     home = lattice(dim, kind, dx_over_h)
     scene: Lattice | Jittered = home
-    if exact(jitter, "jitter"):
-        scene = jittered(home, exact(jitter, "jitter"), seed=seed)
+    sigma = float(exact(jitter, "jitter"))
+    if sigma:
+        scene = jittered(home, sigma, seed=seed)
     wide = (1.0 if lengths == "constant" else 1.5 if lengths == "adapted" else _SPREAD) * float(
         kernel.support
     )
@@ -214,7 +215,6 @@ def conserve(
     pairs = _pairs(forms, rules, lengths != "constant")
     known: Sequence[float | None] = [None] * len(pairs)
     if predict and lengths == "constant" and mass_spread == 1.0 and isinstance(kernel, Kernel):
-        sigma = scene.sigma if isinstance(scene, Jittered) else 0.0
         known = predicted_errors(pairs, home, kernel, sigma, wave)
     still = not isinstance(scene, Jittered)
     settings = {
@@ -224,7 +224,7 @@ def conserve(
         "inside": int(np.count_nonzero(inside)),
         "dx_over_h": str(home.dx_over_h),
         "lattice": home.kind,
-        "jitter": 0.0 if still else float(exact(jitter, "jitter")),
+        "jitter": sigma,
         "lengths": lengths,
         "mass_spread": float(mass_spread),
         "h_over_lambda": float(exact(h_over_lambda, "h-over-lambda")),
@@ -271,9 +271,8 @@ def conserve_particles(
     made = particles(columns["x"], h=lengths, volume=columns["mass"], period=period)
     density = grad_h(made, kernel, workers)[0]
     if "density" in columns:
-        density = particles(columns["x"], h=lengths, volume=columns["density"]).given
+        density = particles(columns["x"], h=lengths, mass=columns["density"]).mass
     assert made.given is not None
-    assert density is not None
     pressure: Array
     if "values" in columns:
         pressure = np.asarray(columns["values"], dtype=np.float64).reshape(-1)

@@ -1,4 +1,4 @@
-"""An isothermal atmosphere, ρ = e^{−x/L}, P = c²ρ, h ∝ ρ^{−1/d}: the exact error of six rules for h.
+"""An isothermal atmosphere, ρ = e^{−x/L}, P = c²ρ, h ∝ ρ^{−1/d}: the error of six rules, exactly.
 
 Everything is a power series in ε = h/L: the densities and Ω of the neighbours, their h, and the
 moments of every rule (`sphtrunc.theory.variable_h`). The acceleration c²/L comes out with an error

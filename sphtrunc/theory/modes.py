@@ -6,8 +6,9 @@ Frequencies are ω² in units of c²/h², growth rates √(−ω²) in c/h.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from math import sqrt
@@ -95,7 +96,7 @@ class Rest:
             return dynamical(self.force, waves, pressure)
         epsilon = Fraction(self.stress.epsilon)
         number = _number if waves.exact else float if waves.offsets.dtype != object else _wide
-        stress = ArtificialStress(number(epsilon), self.stress.power, self.stress.spacing)
+        stress = replace(self.stress, epsilon=number(epsilon))
         return dynamical(self.force, waves, pressure, stress, self._at_spacing(waves))
 
     def _at_spacing(self, waves: LatticeWaves) -> Any:
@@ -338,16 +339,9 @@ def written(entry: Any, order: int) -> str:
         elif value and turn != Fraction(1, 2):
             angle = "pi" if top == 1 else f"{top}*pi"
             size = "" if abs(value) == 1 else f"{abs(value)}*"
-            sign = "-" if value < 0 else "+"
-            parts.append(f"{sign} {size}cos({angle}/{bottom})")
+            parts.append(f"{'-' if value < 0 else '+'} {size}cos({angle}/{bottom})")
     text = " ".join(parts) or "0"
-    return (
-        text[2:]
-        if text.startswith("+ ")
-        else text.replace("- ", "-", 1)
-        if text[:2] == "- "
-        else text
-    )
+    return text.removeprefix("+ ") if text[0] == "+" else re.sub("^- ", "-", text)
 
 
 def _exact_eigenvalues(entries: list[list[Any]], order: int) -> dict[float, str]:

@@ -19,18 +19,19 @@ doi:10.1046/j.1365-8711.2002.05445.x.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from math import factorial, prod
+from itertools import product
+from math import comb, perm, prod
 from typing import TYPE_CHECKING, Any
 
-from sympy import QQ, Expr, Float, Rational, sympify
+from sympy import QQ, Expr, Float, Rational
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.arguments import rational
-from sphtrunc.kernels.factors import laurent
+from sphtrunc.kernels.factors import laurent, radial_moment
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
 from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, unit
@@ -38,7 +39,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.derivation import Derivation, Varying
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context, rounded
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 
 Profile = Mapping[MultiIndex, Fraction]  # the Taylor coefficients of H; H(0) = 1
 
-_DIGITS = 40  # to which a series is summed
+_DIGITS = 34  # to which a series is summed
 _MOST = 20_000  # coefficients of a series
 
 
@@ -138,7 +139,8 @@ def _taylor(value: Any, order: int) -> list[Rational]:
     """Taylor coefficients of a rational function of one symbol whose denominator is not 0 at 0."""
     top = dict(value.numer.terms())
     bottom = dict(value.denom.terms())
-    first, out = bottom[(0,)], []
+    first = bottom[(0,)]
+    out: list[Any] = []
     for n in range(order + 1):
         c = top.get((n,), QQ(0))
         c -= sum((bottom.get((n - m,), QQ(0)) * out[m] for m in range(n)), QQ(0))
@@ -190,9 +192,9 @@ def _summed(
         return _rational(own)
     assert isinstance(kernel, Kernel)
     term, alpha = key
-    dim, k = len(alpha), derivatives_of(term)
+    k = derivatives_of(term)
     share = slope_share(rule)
-    slopes = [share * g for g in gradient]
+    slopes = tuple(share * g for g in gradient)
     # |g|κ, rounded up to a rational
     reach = Fraction(float(sum(g * g for g in slopes)) ** 0.5 * float(kernel.support))
     reach *= 1 + Fraction(1, 2**40)
@@ -200,7 +202,6 @@ def _summed(
     size = _absolute(kernel, key)
     total, n, known, binomial = own, 0, Fraction(1), Fraction(1)
     limit = Fraction(1, 10**_DIGITS)
-    axes = [i for i, g in enumerate(slopes) if g]
     while True:
         ratio = reach * max(Fraction(p + n, n + 1), Fraction(1)) if p > 0 else None
         if p <= 0 and n >= -p:  # C(x, n) = 0 from here on: the series has ended
@@ -213,13 +214,7 @@ def _summed(
         # (1 + g·s)^x at degree n: C(x, n) (g·s)^n with x = p + n − 1
         binomial = binomial * Fraction(p + n - 1, n)
         known = abs(binomial) * reach**n
-        for powers_ in _compositions(n, len(axes)):
-            beta = [0] * dim
-            weight = binomial * _multinomial(powers_)
-            for i, b in zip(axes, powers_, strict=True):
-                beta[i] = b
-                weight *= slopes[i] ** b
-            total += weight * _fraction(kernel, (term, add(alpha, tuple(beta))))
+        total += binomial * _along(kernel, key, slopes, n)
         if n > _MOST:
             raise ValueError("h-gradient: |g|κ is too near to 1 to be summed; expected a smaller g")
     if rule == "mean-kernel":
@@ -227,17 +222,39 @@ def _summed(
     return _rational(total)
 
 
-def _compositions(n: int, parts_: int) -> Iterable[tuple[int, ...]]:
-    if parts_ == 1:
-        yield (n,)
-        return
-    for first in range(n + 1):
-        for rest in _compositions(n - first, parts_ - 1):
-            yield (first, *rest)
+def _along(kernel: Kernel, key: Key, slopes: tuple[Fraction, ...], n: int) -> Fraction:
+    """∫ (term) (g·t)^n d^d t, the term with its t^α: Σ c ∫ t^β f(|t|) (g·t)^n."""
+    total = Fraction(0)
+    for c, beta, factor in parts(key):
+        mean = mean_along(beta, slopes, n)
+        if mean:
+            radial = radial_moment(kernel, factor, sum(beta) + n, len(beta))
+            total += c * mean * fraction(radial)
+    return total
 
 
-def _multinomial(counts: Sequence[int]) -> int:
-    return factorial(sum(counts)) // prod(factorial(c) for c in counts)
+@lru_cache(maxsize=1 << 15)
+def mean_along(beta: MultiIndex, slopes: tuple[Fraction, ...], n: int) -> Fraction:
+    """The mean of e^β (g·e)^n over directions e: all ways to pair the factors, k of those of e^β
+    with a g, over d(d+2)…(d+|β|+n−2)."""
+    square = sum((g * g for g in slopes), Fraction(0))
+    total = Fraction(0)
+    for tau in product(*(range(b + 1) for b in beta)):
+        k = sum(tau)
+        left = [b - t for b, t in zip(beta, tau, strict=True)]
+        if k > n or (n - k) % 2 or any(x % 2 for x in left):
+            continue
+        ways = Fraction(perm(n, k) * _pairings(n - k))
+        for b, t, x, g in zip(beta, tau, left, slopes, strict=True):
+            ways *= comb(b, t) * _pairings(x) * g**t
+        total += ways * square ** ((n - k) // 2)
+    dim = len(beta)
+    return total / prod(range(dim, dim + sum(beta) + n, 2))
+
+
+def _pairings(n: int) -> int:
+    """(n − 1)!!, the ways to pair n things."""
+    return prod(range(n - 1, 0, -2))
 
 
 def _absolute(kernel: Kernel, key: Key) -> Fraction:
@@ -246,8 +263,8 @@ def _absolute(kernel: Kernel, key: Key) -> Fraction:
     dim = len(alpha)
     total = Fraction(0)
     knots = [fraction(k) for k in kernel.knots]
-    for c, beta, name in parts(key):
-        for a, b, piece in zip(knots, knots[1:], laurent(kernel, name), strict=False):
+    for c, beta, factor in parts(key):
+        for a, b, piece in zip(knots, knots[1:], laurent(kernel, factor), strict=False):
             for j, x in piece.items():
                 power = j + sum(beta) + dim
                 if power > 0:
@@ -262,7 +279,8 @@ def _rational(value: Any) -> Any:
 
 def _number(value: Any, exact: bool) -> Expr:
     """An exact number, or 30 digits of one."""
-    value = sympify(value)
+    if isinstance(value, int):
+        return Rational(value)
     if exact or not isinstance(value, Rational):
         return value
     return Float(value, 30)
@@ -295,7 +313,7 @@ def lattice_sums_of(
     slopes = [slope_share(rule) * g for g in gradient]
     steep = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(reach)
     radius = float(reach / dx_over_h) / (1.0 - steep) * (1.0 + 1e-9)
-    around = []  # (s, t = s/H, H) of every particle within its own support
+    around: list[Any] = []  # (s, t = s/H, H) of every particle within its own support
     for point in sites(kind, radius, tuple(offset)).T.tolist():
         s = [(n * u + o) * dx_over_h for n, u, o in zip(point, units(kind), offset, strict=True)]
         stretch = 1 + sum((g * x for g, x in zip(slopes, s, strict=True)), Fraction(0))
@@ -303,31 +321,40 @@ def lattice_sums_of(
             around.append((s, [x / stretch for x in s], stretch))
     there = not any(offset)
     squares = [sum((x * x for x in t), Fraction(0)) for _, t, _ in around]
-    names = {name for key in keys for _, _, name in parts(key)}
-    found = {name: _radial(kernel, name, squares, True, dim) for name in names}
+    factors = {factor for key in keys for _, _, factor in parts(key)}
+    found = {k: _radial(kernel, k, squares, True, dim) for k in factors}
     rational = all(values is not None for values in found.values())
     if not rational:
-        found = {name: _radial(kernel, name, squares, False, dim) for name in names}
+        found = {k: _radial(kernel, k, squares, False, dim) for k in factors}
     ctx = real_context()
     volume = dx_over_h**dim
     sigma = kernel.normalisation(dim)
     scale = sigma if rational else ctx.mpf(str(sigma.evalf(DIGITS + 10)))
+    if not rational:
+        around = [tuple(_wide(part, ctx) for part in one) for one in around]
     sums = {}
     for key in keys:
         term, alpha = key
-        total: Any = _at_origin(kernel, key, there, volume, rational)
-        for c, beta, name in parts((term, unit(dim, 0, 0))):
-            values = found[name]
+        total: Any = Fraction(0) if rational else ctx.zero
+        for c, beta, factor in parts((term, unit(dim, 0, 0))):
+            values = found[factor]
             assert values is not None
             for (s, t, stretch), value in zip(around, values, strict=True):
-                weight = c * volume / stretch ** (dim + derivatives_of(term))
+                weight = c / stretch ** (dim + derivatives_of(term)) * value
                 for x, y, n, m in zip(s, t, alpha, beta, strict=True):
-                    weight *= x**n * y**m
-                if not rational:
-                    weight = ctx.mpf(weight.numerator) / weight.denominator
-                total += weight * value
-        sums[key] = _rational(total + Fraction(0)) * scale if rational else total * scale
+                    weight *= x**n * y**m if n or m else 1
+                total += weight
+        size = volume if rational else _wide(volume, ctx)
+        total = total * size + _at_origin(kernel, key, there, volume, rational)
+        sums[key] = (_rational(total) if rational else total) * scale
     return sums
+
+
+def _wide(value: Any, ctx: Any) -> Any:
+    """Fractions as 50-digit numbers."""
+    if isinstance(value, list):
+        return [_wide(x, ctx) for x in value]
+    return ctx.mpf(value.numerator) / value.denominator
 
 
 # ---------------------------------------------------------------------------------- derivations
@@ -376,8 +403,8 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
 def _shown(value: Any) -> Expr:
     """An exact number, or a 50-digit one to 30 digits."""
     if hasattr(value, "context"):
-        return Float(Rational(int(value.context.nint(value * 10**40)), 10**40), 30)
-    return sympify(value)
+        return rounded(value)
+    return Rational(value) if isinstance(value, int) else value
 
 
 def _gradient(gradient: object, dim: int) -> list[Fraction]:

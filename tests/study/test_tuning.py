@@ -7,6 +7,7 @@ import re
 from fractions import Fraction
 from random import Random
 
+import numpy as np
 import pytest
 
 from sphtrunc.cli import main
@@ -16,7 +17,7 @@ from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
-from sphtrunc.study.plateaus import explain, findings, read_table
+from sphtrunc.study.plateaus import explain, explanations, findings, read_table
 from sphtrunc.study.tuning import (
     Problem,
     best_at_cost,
@@ -156,7 +157,8 @@ def test_a_plateau_is_explained(tmp_path):
     assert found[0]["predicted_order"] is None
     assert 0 < found[1]["predicted_order"] < 2  # from smoothing into the plateau
     assert abs(found[2]["predicted_order"]) < 0.02
-    said = findings(Problem(1, STANDARD, 0.0), "polynomial:4", found)
+    told = [{**run, "error": None} for run in found]  # what is to be expected, without errors
+    said = findings(Problem(1, STANDARD, 0.0), "polynomial:4", told)
     assert "take more neighbours" in said[-1]
     noisy = explain(Problem(1, STANDARD, 0.1), "polynomial:4", rows)
     assert [run["dominant"] for run in noisy][1:] == ["disorder", "disorder"]
@@ -198,11 +200,84 @@ def test_measured_runs_are_explained(operator, order, says):
     assert abs(float(sigma[1]) / 0.1 - 1) < 0.05
 
 
+def test_advice_is_that_of_the_model_that_explains_the_runs(capsys, tmp_path):
+    """One run of a 3D lattice of unknown disorder. Its error is that of particles displaced by
+    0.14 Δx, measured here: smoothing, which dominates without them, gives no advice."""
+    file = tmp_path / "runs.csv"
+    file.write_text("dx,h,error\n0.01,0.0173,0.12\n")
+    problem = Problem(3, STANDARD, 0.14)
+    assert measured(problem, "wendland-c2", 1 / 1.73, 0.0173 / 0.2, 0.03) == pytest.approx(
+        0.12, rel=0.1
+    )
+    options = ("--kernel", "wendland-c2", "--dim", "3", "--wavelength", "0.2", "--table", str(file))
+    code, text, _ = run(capsys, *options)
+    assert code == 0
+    said = " ".join(text.split())
+    assert "--jitter 0.14 in place of 0 would explain that" in said
+    assert "disorder dominates. At a fixed number of neighbours it grows as 1/h: refinement" in said
+    assert "smoothing dominates" not in said
+    assert "smaller h" not in said
+    # one run is met by a shorter wave as well: which run would tell, and what either predicts
+    found = re.search(
+        r"as well with a wave of ([\d.]+) λ, where they are mostly smoothing. To decide, a run with"
+        r" Δx/λ = ([\d.]+) and h/λ = ([\d.]+): its error is ([\d.]+) by --jitter 0.14 and ([\d.]+)"
+        r" by a wave of \1 λ",
+        said,
+    )
+    assert found is not None, said
+    wave, dx, h, disorder, smoothing = map(float, found.groups())
+    assert measured(problem, "wendland-c2", dx / h, h, 0.03) == pytest.approx(disorder, rel=0.1)
+    still = measured(Problem(3, STANDARD), "wendland-c2", dx / h, h / wave)
+    assert still == pytest.approx(smoothing, rel=0.03)  # two digits of the wave are printed
+    code, text, _ = run(capsys, *options, "--format", "json")
+    document = json.loads(text)
+    assert [m["name"].split()[0] for m in document["explanations"]] == ["--jitter", "a"]
+    assert [m["runs"][0]["dominant"] for m in document["explanations"]] == ["disorder", "smoothing"]
+    assert document["runs"][0]["dominant"] == "smoothing"  # of the particles that were given
+
+
+def test_the_slope_of_the_table_decides():
+    """Errors measured with a wave half as long fall as Δx², as no disorder lets them; with disorder
+    they grow as 1/Δx, as no wave does. Within a factor of two of Δx either."""
+    problem, name = Problem(1, STANDARD), "wendland-c4"
+    lengths = (0.1, 0.07, 0.05)
+    shorter = [(x / 2, x, measured(problem, name, 0.5, 2 * x)) for x in lengths]
+    (model,) = explanations(problem, name, explain(problem, name, shorter))
+    assert model.problem.sigma == 0
+    assert model.wave == pytest.approx(0.5, rel=0.02)
+    assert model.runs[-1]["dominant"] == "smoothing"
+    rough = [(x / 2, x, measured(Problem(1, STANDARD, 0.1), name, 0.5, x)) for x in lengths]
+    runs = explain(problem, name, rough)
+    (model,) = explanations(problem, name, runs)
+    assert (model.wave, model.problem.sigma) == (1, pytest.approx(0.1, rel=0.03))
+    still = [(x / 2, x, measured(problem, name, 0.5, x)) for x in lengths]
+    powers = [
+        np.polyfit(np.log([dx for dx, _, _ in rows]), np.log([e for _, _, e in rows]), 1)[0]
+        for rows in (rough, rough, still)
+    ]
+    assert powers[0] < -0.8
+    said = re.search(
+        r"go as Δx\^(\S+), as predicted with it, Δx\^(\S+), rather than without, Δx\^(\S+)\.",
+        findings(problem, name, runs)[0],
+    )
+    assert said is not None
+    # one printed decimal, and two measurements to 1 % a factor of two apart
+    assert [float(x) for x in said.groups()] == pytest.approx(powers, abs=0.05 + 0.03)
+    # too much disorder given: less explains them
+    rougher = Problem(1, STANDARD, 0.2)
+    (model,) = explanations(rougher, name, explain(rougher, name, still))
+    assert model.name == "--jitter 0"
+
+
 def test_what_no_disorder_explains_is_said_to_be():
     problem = Problem(1, CSPH, 0.05)
     rows = [(0.05, 0.1, 0.5), (0.005, 0.01, 0.5), (0.0005, 0.001, 0.5)]
     said = findings(problem, "wendland-c4", explain(problem, "wendland-c4", rows))[0]
     assert "no disorder explains that: look for an error that is not the estimate's" in said
+    # with the powers as evidence, and no advice from a model that is not that of the runs
+    assert said.endswith("go as Δx^0; at this Δx/h smoothing goes as Δx^2, discretisation as Δx^0,"
+                         " disorder as Δx^1.")  # fmt: skip
+    assert len(findings(problem, "wendland-c4", explain(problem, "wendland-c4", rows))) == 1
 
 
 @pytest.mark.parametrize(
