@@ -29,6 +29,9 @@ FIGURES = {
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
     "round-off": ("tradeoffs", "Rounding of three forms in three precisions, and its floors."),
     "work-precision": ("tradeoffs", "Error against pairs, along the best path."),
+    "conservation": ("conserving", "Momentum error against truncation error, form by form."),
+    "variable-h": ("conserving", "Moments with a gradient of h; six rules in an atmosphere."),
+    "density-drift": ("conserving", "Summed against integrated density, six ways to step."),
 }
 
 
