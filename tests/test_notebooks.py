@@ -23,6 +23,7 @@ OURS = [
     "05-three-dimensions",
     "06-second-derivatives",
     "07-tuning",
+    "12-conservation",
 ]
 
 

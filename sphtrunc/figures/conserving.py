@@ -1,4 +1,4 @@
-"""Figures of conservation: momentum against error, smoothing lengths that vary, densities that drift
+"""Figures of conservation: momentum against error, lengths that vary, densities that drift
 apart."""
 
 from __future__ import annotations
@@ -145,6 +145,6 @@ def density_drift(kernel: str | None, quick: bool) -> Picture:
     curves.append(slope(r"$\Delta t^4$", 4.0, (times[2], times[0]), (times[0], seen[0] / 3.0)))
     return Picture(
         "density-drift",
-        f"Summation against continuity density, 1D, {named(setting.kernel)}, $h = \\Delta x$ = 1/40",
+        f"Summed against integrated density, 1D, {named(setting.kernel)}, $h = \\Delta x$ = 1/40",
         (Panel(r"$\Delta t$", r"$\max|\rho - \sum m W|$ at $t = 0.4$", tuple(curves)),),
     )
