@@ -26,6 +26,7 @@ from planted import (
     SPIKY,
     Written,
     code,
+    pos,
 )
 
 from sphtrunc.audit import Audit, audit, audit_table, faults
@@ -161,6 +162,36 @@ def test_whole_number_division_in_the_shape_is_named(name: str) -> None:
     (fault,) = report.faults
     expected = faults.CUT if "1/4" in name else faults.INTEGER_DIVISION
     assert fault.kind == expected, report.to_text()
+
+
+def test_a_factor_that_one_piece_lacks_is_named() -> None:
+    """(2 − q)³ for (2 − q)³/4: four times too much beyond q = 1."""
+    lost = code(M4, 3, function=lambda q: np.where(q < 1, M4.shape(q), pos(2 - q) ** 3))
+    (fault,) = audit(lost, 3).faults
+    assert fault.kind == faults.MISPRINT
+    assert "cubic-spline: on 1..2 it is 4 times what the first piece asks for" in fault.message
+
+
+def test_a_shape_without_an_integral_is_judged_by_its_values() -> None:
+    """1 − 3/2 q² − 3/4 q³, then (2 − q)³/4: ∫ w q² dq = 1/3 − 3/10 − 1/8 + 11/120 = 0."""
+    wrong = code(
+        M4, 3, function=lambda q: np.where(q < 1, 1 - 1.5 * q**2 - 0.75 * q**3, M4.shape(q))
+    )
+    (fault,) = audit(wrong, 3).faults
+    assert fault.kind == faults.WRONG_CONSTANT
+
+
+def test_a_kernel_that_is_no_polynomial_is_judged_by_its_values() -> None:
+    """The viscosity kernel of Müller et al. (2003): 15/(2π h³) (−q³/2 + q² + 1/(2q) − 1)."""
+
+    def viscosity(r: Any, h: float) -> Any:
+        q = np.where(r > 0, r, h) / h
+        w = 15 / (2 * pi * h**3) * (-(q**3) / 2 + q**2 + 1 / (2 * q) - 1)
+        return np.where((r > 0) & (r < h), w, 0.0)
+
+    report = audit(viscosity, 3)
+    assert report.kernel == ""
+    assert report.scaling.startswith("W ∝ h^−3")
 
 
 def test_a_constant_that_is_divided_away_is_hinted_at() -> None:
