@@ -301,6 +301,14 @@ def test_a_wrong_second_derivative_is_named(name: str, kernel: Written, dim: int
     assert report.second_derivative == "not the second derivative of W"
 
 
+def test_a_lost_factor_of_the_power_rule_is_named() -> None:
+    """(1 − q)³ differentiated to −(1 − q)²."""
+    lost = code(SPIKY, 3, order=1, function=lambda q: -(pos(1 - q) ** 2))
+    (fault,) = audit(code(SPIKY, 3), 3, derivative=lost).faults
+    assert fault.kind == faults.WRONG_DERIVATIVE
+    assert "the factor 3 of the power rule is lost" in fault.message
+
+
 def test_a_derivative_that_is_wrong_on_one_piece_says_where() -> None:
     lost = code(M4, 3, order=1, function=lambda q: np.where(q < 1, M4.slope(q), 0.0))
     (fault,) = audit(code(M4, 3), 3, derivative=lost).faults
