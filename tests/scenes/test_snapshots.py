@@ -157,6 +157,12 @@ def test_particles_outside_a_periodic_box_are_taken_at_their_images(tmp_path):
     np.testing.assert_allclose(found.x.T, C.x, rtol=0, atol=2.0**-51)
 
 
+def test_a_box_that_is_not_that_of_the_particles_is_refused(tmp_path):
+    written.swift(tmp_path / "s.hdf5", replace(C, box=1e-300))
+    with pytest.raises(ValueError, match="expected the box of these particles"):
+        read(tmp_path / "s.hdf5")
+
+
 # ------------------------------------------------------------------------------------- columns
 
 
