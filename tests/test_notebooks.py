@@ -25,6 +25,7 @@ OURS = [
     "07-tuning",
     "08-snapshots",
     "11-stability",
+    "12-conservation",
 ]
 
 

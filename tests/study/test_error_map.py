@@ -219,7 +219,7 @@ def test_the_command_finds_the_kernel_and_writes(tmp_path, monkeypatch, capsys):
     rho = w.sum(axis=1) / 216
     np.savez("a.npz", x=x, h=0.35, m=np.full(216, 1 / 216), rho=rho)
     out, err, status = run(
-        capsys, "a.npz", "--period", "1", "--field", "pressure", "-o", "map.npz", "--picture",
+        capsys, "a.npz", "--period", "1", "-o", "map.npz", "--picture",
         "map.png", "--format", "json",
     )  # fmt: skip
     assert status == 0
