@@ -45,7 +45,7 @@ def command(
 
     \b
     sphtrunc wall --kernel cubic-spline
-    sphtrunc wall --kernel wendland-c2 --dim 3 --eta 0,1/2 --remedy none,shepard,csph
+    sphtrunc wall --kernel wendland-c2 --dim 3 --eta 0,1/2 --remedy bare,shepard,csph
     sphtrunc wall --kernel quintic-spline --dim 2 --format json
     """
     from sphtrunc.kernels.parse import kernel as parse_kernel
@@ -199,13 +199,12 @@ def advice(rows: Sequence[Row]) -> list[str]:
         }
         good = [name for name, order in least.items() if order >= 1]
         title = operator if component == "all" else f"{component} {operator}"
-        if not good:
-            lines.append(f"For the {title} none of these converges as h goes to 0.")
-            continue
-        best = max(good, key=lambda name: (least[name], -good.index(name)))
-        text = f"For the {title} take {good[0]} (order {least[good[0]]})"
-        if best != good[0] and least[best] > least[good[0]]:
-            text += f", or {best} (order {least[best]})"
+        text = f"For the {title} none of these converges as h goes to 0"
+        if good:
+            best = max(good, key=lambda name: (least[name], -good.index(name)))
+            text = f"For the {title} take {good[0]} (order {least[good[0]]})"
+            if least[best] > least[good[0]]:
+                text += f", or {best} (order {least[best]})"
         bad = [name for name, order in least.items() if order < 0]
         if bad:
             text += f"; {_and(bad)} grow{'s' if len(bad) == 1 else ''} as 1/h"

@@ -37,6 +37,9 @@ FIGURES = {
     "pairing": ("stability", "The weakest waves against neighbours, both branches, on fcc."),
     "remedies": ("stability", "Artificial stress, total Lagrangian, stress points."),
     "time-step": ("stability", "The largest stable time step of leapfrog."),
+    "conservation": ("conserving", "Momentum error against truncation error, form by form."),
+    "variable-h": ("conserving", "Moments with a gradient of h; six rules in an atmosphere."),
+    "density-drift": ("conserving", "Summed against integrated density, six ways to step."),
 }
 
 

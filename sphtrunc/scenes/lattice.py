@@ -230,19 +230,21 @@ def _cut(
     reach: int,
 ) -> Neighbourhood:
     """The stencil on the fluid's side of a wall, (d, N, 1), and behind it the ghosts."""
+    wall.require_seen(lattice.kind, lattice.dx_over_h, lattice.offset, fraction(kernel.support))
     m = _stencil(lattice, kernel, reach=reach)
     wide, edge = extended or errors, -lattice.wall_phase
     here = _positions(lattice, m, lattice.dx_over_h, wide)
     parts, images, on_wall = [here], [here], [_on_wall(lattice, m)]
-    shift = 2 * wall.eta / lattice.dx_over_h if wall.ghosts in ("mirror", "odd") else Fraction(0)
+    mirrored = wall.ghosts in ("mirror", "odd")
+    shift = 2 * wall.eta / lattice.dx_over_h if mirrored else Fraction(0)
     there = replace(lattice, offset=(lattice.offset[0] + shift, *lattice.offset[1:]), wall=None)
     radius = reach * float(kernel.support) / float(lattice.dx_over_h)
     others = _cached_sites(lattice.kind, radius, there.offset, 0.0)
-    others = others[:, others[0] >= edge if shift else others[0] < edge]
+    others = others[:, others[0] >= edge if mirrored else others[0] < edge]
     if wall.ghosts != "none" and others.size:
         s, low = _positions(there, others, lattice.dx_over_h, wide)
         on_wall.append(_on_wall(lattice, others))
-        if wall.ghosts != "dummy":  # originals, as the image of the target sees them
+        if mirrored:  # originals, as the image of the target sees them
             images.append(_positions(lattice, others, lattice.dx_over_h, wide))
             s[0] *= -1.0
             if low is not None:
@@ -260,7 +262,7 @@ def _cut(
             rows=(np.arange(s.shape[1]) >= m.shape[1])[:, None],
             wall=dd_from_ratio(*(-wall.eta).as_integer_ratio()),
         )
-        if wall.ghosts != "dummy":
+        if mirrored:
             image, below = _joined(images)
             side = None if below is None else below[0][:, None]
             ghosts = replace(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil
+from math import ceil, floor
 
 from sphtrunc.scenes.sites import units
 
@@ -77,3 +77,18 @@ class Wall:
             shift = there
         placed = (shift, *offset[1:])
         return placed, self.phase(kind, dx_over_h, placed)
+
+    def require_seen(
+        self, kind: str, dx_over_h: Fraction, offset: Sequence[Fraction], support: Fraction
+    ) -> None:
+        """Raises ValueError where a dummy within the support of the target sees no fluid."""
+        if self.ghosts != "dummy":
+            return
+        step, phase = units(kind)[0], self.phase(kind, dx_over_h, offset)
+        far = floor((-support / dx_over_h - offset[0]) / step) + 1
+        gap = (ceil(-phase) - far) * step * dx_over_h
+        if far < -phase and gap >= support:
+            raise ValueError(
+                "ghosts: the farthest dummies see no fluid, as the target is nearer to the wall"
+                f" than the first particles, at {phase % 1} of a step; expected a larger distance"
+            )

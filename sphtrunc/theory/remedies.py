@@ -56,7 +56,7 @@ PLAIN = {
 GAMMA = "gamma"
 #: by what they cost: nothing, one more sum, a matrix for every particle, particles beyond the wall
 REMEDIES: dict[str, Remedy] = {
-    "none": Remedy("the sums as they are", PLAIN),
+    "bare": Remedy("the sums as they are", PLAIN),
     "difference": Remedy(
         "A_b − A_a in place of A_b",
         {"value": ("difference", "none"), "gradient": ("difference", "none")},

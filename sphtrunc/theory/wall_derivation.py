@@ -226,16 +226,19 @@ def open_moments(
 
     Raises ValueError for corrections where the base sums have roots and logarithms.
     """
+    refusal = (
+        f"wall: in {dim}D the sums of this operator have roots and logarithms of η, and its"
+        " correction divides by them: there is no short form; expected a number"
+    )
+    if dim == 2 and not operator.uncorrected:
+        raise ValueError(refusal)
     needed = operator.needed(dim, degree)
     sides: list[dict[Key, Any]] = [{key: cut_pieces(kernel, key)[piece][2] for key in needed}]
     if ghosts != "none":
         sides.append({key: beyond_pieces(kernel, key)[piece][2] for key in needed})
     closed = all(e.is_rational_function(ETA) for side in sides for e in side.values())
     if not closed and not operator.uncorrected:
-        raise ValueError(
-            f"wall: in {dim}D the sums of this operator have roots and logarithms of η, and its"
-            " correction divides by them: there is no short form; expected a number"
-        )
+        raise ValueError(refusal)
     at: Any = ETA
     field = QQ.frac_field(ETA)
     if closed:

@@ -302,6 +302,7 @@ def wall_lattice_moments(
         )
     exact = exact and (len(shift) == 1 or (operator.uncorrected and not layered))
     support = Fraction(int(kernel.support.p), int(kernel.support.q))
+    wall.require_seen(kind, dx_over_h, shift, support)
     share = wall.share
 
     def some(keys: Sequence[Key], at: Sequence[Fraction], planes: Any) -> dict[Key, Any]:

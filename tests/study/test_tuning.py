@@ -22,6 +22,7 @@ from sphtrunc.study.plateaus import explain, explanations, findings, read_table
 from sphtrunc.study.structure import disorder
 from sphtrunc.study.tuning import (
     Problem,
+    _minimum,
     best_at_cost,
     best_at_error,
     best_at_particles,
@@ -428,3 +429,26 @@ def test_the_command(capsys, tmp_path):
     assert "got --particles-per-wavelength and --table" in error
     code, text, _ = run(capsys, *common, "--dim", "1", "--particles", "1e6")
     assert "No more neighbours than 200 are looked at" in text
+
+
+def test_the_deeper_of_two_valleys_is_found_between_the_points_of_the_grid():
+    """On the grid the valley at 2 seems deepest; the other one is, half-way between 7 and 8. A
+    third, shallower on the grid than both, is not looked at."""
+
+    def function(x):
+        return min((x - 2.0) ** 2 + 1.0, 3.0 * abs(x - 7.5), 0.5 + 9.0 * abs(x - 4.75))
+
+    grid = [float(x) for x in range(11)]
+    values = [function(x) for x in grid]
+    assert min(values) == function(2.0) == 1.0
+    assert function(7.0) == function(8.0) == 1.5
+    assert _minimum(function, grid) == 7.5
+    mirrored = _minimum(lambda x: function(10.0 - x), grid)
+    assert mirrored == 2.5
+
+
+def test_a_minimum_at_either_end_of_the_grid_is_found():
+    grid = [0.5 * n for n in range(9)]
+    assert _minimum(lambda x: x, grid) == 0.0
+    assert _minimum(lambda x: -x, grid) == 4.0
+    assert _minimum(lambda x: (x - 1.3) ** 2, grid) == pytest.approx(1.3, abs=0.5 / 2**5)

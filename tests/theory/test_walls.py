@@ -509,19 +509,19 @@ def test_what_each_remedy_leaves_at_the_wall() -> None:
     exact = [n for n in REMEDIES if n != "dummy"]
     found = rows("cubic-spline", 1, "0", *exact)
     expected = {
-        ("value", "all", "none", "A"): (0, "-1/2"),
+        ("value", "all", "bare", "A"): (0, "-1/2"),
         ("value", "all", "shepard", "A_n"): (1, "7/15"),
         ("value", "all", "rkpm-1", "A_nn"): (2, "-3/26"),
         ("value", "all", "mirror", "A_n"): (1, "7/15"),
         ("value", "all", "odd", ""): (None, "0"),
-        ("gradient", "normal", "none", "A"): (-1, "2/3"),
+        ("gradient", "normal", "bare", "A"): (-1, "2/3"),
         ("gradient", "normal", "difference", "A_n"): (0, "-1/2"),
         ("gradient", "normal", "csph", "A_nn"): (1, "7/15"),
         ("gradient", "normal", "gamma", "A_nn"): (1, "7/15"),
         ("gradient", "normal", "rkpm-1", "A_nn"): (1, "75/169"),
         ("gradient", "normal", "mirror", "A_n"): (0, "-1"),
         ("gradient", "normal", "odd", "A_nn"): (1, "7/15"),
-        ("laplacian", "all", "none", "A_n"): (-1, "4/3"),
+        ("laplacian", "all", "bare", "A_n"): (-1, "4/3"),
         ("laplacian", "all", "mirror", "A_n"): (-1, "8/3"),
         ("laplacian", "all", "odd", "A_nn"): (0, "-1"),
     }
