@@ -81,7 +81,7 @@ def structure(kernel: str | None, quick: bool) -> Picture:
             for i in range(boxes)
         ]
         assert found[0].k is not None
-        mean = replace(found[0], S=np.mean([one.S for one in found], axis=0))
+        mean = replace(found[0], S=np.stack([np.asarray(one.S) for one in found]).mean(axis=0))
         k, S, _ = mean.radial(24)
         # where S is known itself, Σ S² is not halved
         _, theory, error = replace(mean, S=law(found[0].k)).radial(24)
