@@ -36,6 +36,9 @@ FIGURES = {
     "tensile": ("stability", "Growth under tension over Δx/h and P₀, and in runs."),
     "pairing": ("stability", "The weakest waves against neighbours, both branches, on fcc."),
     "remedies": ("stability", "Artificial stress, total Lagrangian, stress points."),
+    "wall-profile": ("walls", "Leading errors against the distance from a wall, each remedy."),
+    "wall-convergence": ("walls", "Error against h/λ beside a wall, orders −1 to 2."),
+    "wall-lattice": ("walls", "What the place of a wall in the lattice adds."),
     "time-step": ("stability", "The largest stable time step of leapfrog."),
 }
 

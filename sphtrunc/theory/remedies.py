@@ -241,7 +241,7 @@ def semi_analytic(
 
 def semi_analytic_response(
     kernel: Kernel, operator: Operator, dim: int, degree: int, eta: Rational, n: int, axis: int = 0
-) -> dict[MultiIndex, Any]:
+) -> dict[MultiIndex, Any] | None:
     """As `wall_response`: γ and the terms of the wall are integrals, whatever the particles."""
     zero = unit(dim, 0, 0)
     gamma = cut_sum(kernel, (zero, zero), eta)

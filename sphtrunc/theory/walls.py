@@ -338,8 +338,8 @@ def wall_lattice_moments(
     return {alpha: settled(value) for alpha, value in found.items()}
 
 
-def require(kernel: object, operator: Operator) -> None:
-    """Raises ValueError for a kernel or a form that has no theory near a wall."""
+def require(kernel: object, operator: Operator) -> Kernel:
+    """The kernel; raises ValueError for one, or for a form, that has no theory near a wall."""
     if not isinstance(kernel, Kernel):
         raise ValueError(
             "wall: only piecewise polynomial kernels are cut exactly; expected another kernel"
@@ -349,3 +349,4 @@ def require(kernel: object, operator: Operator) -> None:
             "form: paired takes the neighbours at s and −s together, and near a wall there are no"
             " such pairs; expected the form standard"
         )
+    return kernel
