@@ -148,6 +148,20 @@ def wall_convergence(kernel: str | None, quick: bool) -> Picture:
     )
 
 
+def _added(
+    shape: Kernel, operator: Operator, ratio: Fraction, places: Sequence[Fraction]
+) -> list[float]:
+    """M_0 at η = 1/2 less its limit, for every place of the wall in the lattice."""
+    limit = cut_moments(shape, operator, 1, 0, Wall(HALF))[(0,)]
+    return [
+        float(
+            wall_lattice_moments(shape, operator, "uniform", ratio, ORIGIN, 0, Wall(HALF, p))[(0,)]
+            - limit
+        )
+        for p in places
+    ]
+
+
 def wall_lattice(kernel: str | None, quick: bool) -> Picture:
     """What the place of the wall in the lattice adds, over one spacing, at three ratios."""
     shape = parse_kernel(kernel or "cubic-spline")
@@ -157,29 +171,18 @@ def wall_lattice(kernel: str | None, quick: bool) -> Picture:
         for ratio in (Fraction(1, 2), Fraction(1, 4), Fraction(1, 8)):
             limit = cut_moments(shape, operator, 1, 0, Wall(HALF))[(0,)]
 
-            def added(place: Fraction, ratio: Fraction = ratio, limit: Any = limit) -> float:
-                wall = Wall(HALF, place)
-                found = wall_lattice_moments(
-                    shape,
-                    operator,
-                    "uniform",
-                    ratio,
-                    (Fraction(0),),
-                    0,
-                    wall,  # noqa: B023
-                )
-                return float(found[(0,)] - limit)
-
             places = [Fraction(2 * i + 1, 80) for i in range(40)]
             label = f"Δx/h = {ratio}"
-            curves.append(predicted(label, [float(p) for p in places], [added(p) for p in places]))
+            curves.append(
+                predicted(label, [float(p) for p in places], _added(shape, operator, ratio, places))
+            )
             some = places[2 :: 9 if quick else 4]
             seen = []
             for place in some:
                 scene = beside_wall(lattice(1, dx_over_h=ratio), HALF, at=place)
                 moment = measure(scene, shape, operator, moments=0).moments[(0,)]
                 seen.append(float(moment[0]) - float(limit))
-            theory = [added(p) for p in some]
+            theory = _added(shape, operator, ratio, some)
             curves.append(
                 measured(label, [float(p) for p in some], seen, predicted=theory, floor=1e-12)
             )
