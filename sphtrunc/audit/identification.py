@@ -199,10 +199,11 @@ def _of_kernel(name: str, kernel: Any) -> Iterator[Known]:
 
 
 def _simple(half: Any) -> Any:
-    """A half width as a rational where it is one of small denominator."""
-    near = Fraction(float(half)).limit_denominator(64)
-    same = abs(half - mpmath.mpf(near.numerator) / near.denominator) < 1e-40
-    return Rational(near.numerator, near.denominator) if same else half
+    """A half width as a rational, or the root of one, where the denominator is small."""
+    square = half**2
+    near = Fraction(float(square)).limit_denominator(64)
+    same = abs(square - mpmath.mpf(near.numerator) / near.denominator) < 1e-40
+    return sqrt(Rational(near.numerator, near.denominator)) if same else half
 
 
 def _over(support: Exact, of_ratio: Exact | None, ratio: Any) -> Exact | float:

@@ -24,6 +24,7 @@ from sphtrunc.kernels.arguments import dimension, rational
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 
+POINTS = 600  # at which the derivatives of a formula are compared
 PUBLISHED = Path(__file__).with_name("published.toml")
 
 
@@ -253,7 +254,7 @@ def _sampled_formula(
     second: tuple[str | None, Constant],
     kernel: Kernel,
 ) -> Samples:
-    q = (np.arange(2000) + 0.5) / 2000 * end
+    q = (np.arange(POINTS) + 0.5) / POINTS * end
     points = fixed(q)
     none = np.zeros_like(q)
     slopes: list[Array | None] = []

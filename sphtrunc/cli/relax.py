@@ -47,7 +47,10 @@ from sphtrunc.version import __version__
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the start.")
 @click.option("--workers", type=int, help="Threads; results do not depend on it.")
 @click.option(
-    "-o", "--output", metavar="FILE", help="Positions, h and volumes in Δx: .npz or .csv."
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="The particles, lengths in Δx: .npz or .csv; or .json: how regular they are.",
 )
 @click.option("--format", "format_", type=click.Choice(("text", "json")), default="text")
 def command(**given: Any) -> int:
@@ -63,8 +66,8 @@ def command(**given: Any) -> int:
     from sphtrunc.scenes.relaxed import Recipe
 
     h, output = given["h_over_dx"], given["output"]
-    if output is not None and output.rpartition(".")[2].lower() not in ("npz", "csv"):
-        raise ValueError(f"output: got {output!r}, expected a file ending in .npz or .csv")
+    if output is not None and output.rpartition(".")[2].lower() not in ("npz", "csv", "json"):
+        raise ValueError(f"output: got {output!r}, expected a file ending in .npz, .csv or .json")
     recipe = Recipe(
         count=given["count"],
         dim=given["dim"],
@@ -77,8 +80,6 @@ def command(**given: Any) -> int:
         contrast=given["contrast"],
     )
     made = relax(recipe, workers=given["workers"], progress=_progress())
-    if output is not None:
-        write_atomically(output, _file(made.particles, output))
     document = {
         "schema": "sphtrunc.relax/1",
         "recipe": str(recipe),
@@ -89,8 +90,12 @@ def command(**given: Any) -> int:
         **regularity(made.particles, recipe.shape),
         "version": __version__,
     }
-    text = json.dumps(document, indent=1) if given["format_"] == "json" else _text(document)
-    emit(text, None)
+    report = json.dumps(document, indent=1)
+    if output is not None and output.lower().endswith(".json"):
+        emit(report, output)
+    elif output is not None:
+        write_atomically(output, _file(made.particles, output))
+    emit(report if given["format_"] == "json" else _text(document), None)
     return 0
 
 

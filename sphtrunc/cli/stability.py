@@ -57,10 +57,10 @@ class Wave(NamedTuple):
 @click.option("--remedy", metavar="NAME", help=f"{', '.join(REMEDIES)}, in place of a form.")
 @click.option(
     "--volume",
-    type=click.Choice(("summation", "constant")),
+    type=click.Choice(("summation", "constant", "corrected")),
     default="summation",
     show_default=True,
-    help="Density at rest: the sum Σ m W, or m/Δx^d that is integrated from there.",
+    help="Density: the sum Σ m W; or m/Δx^d, integrated by its rate, or by that of a csph form.",
 )
 @click.option(
     "--k",
@@ -117,8 +117,8 @@ def command(**given: Any) -> None:
         from sphtrunc.study.stability import named, stability
 
         kappas = [_wave(rest, wave) for wave in given["waves"]] or _points(rest)
-        modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         seen = stability(rest)
+        modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         text, document = _text(seen, modes, exact), _document(seen, modes, exact)
         if given["viscosity"] is not None:
             step = _viscous(rest, given["viscosity"])
@@ -474,6 +474,8 @@ def _branch(seen: Stability, branch: str) -> str:
 def _kind(seen: Stability, found: Found) -> str:
     if found.branch == "transverse":
         return f"a shear of the lattice {_lattice(seen.rest)}, not pairing"
+    if found.wavelength is None:
+        return "without a speed of sound"
     return "pairing" if seen.rest.pressure > 0 else "the tensile instability"
 
 

@@ -40,6 +40,9 @@ FIGURES = {
     "wall-convergence": ("walls", "Error against h/λ beside a wall, orders −1 to 2."),
     "wall-lattice": ("walls", "What the place of a wall in the lattice adds."),
     "time-step": ("stability", "The largest stable time step of leapfrog."),
+    "conservation": ("conserving", "Momentum error against truncation error, form by form."),
+    "variable-h": ("conserving", "Moments with a gradient of h; six rules in an atmosphere."),
+    "density-drift": ("conserving", "Summed against integrated density, six ways to step."),
 }
 
 

@@ -83,9 +83,20 @@ class Probes:
         return found
 
     def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
     ) -> Neighbourhood:
-        """All particles around the points, as `Particles.neighbourhood`."""
+        """All particles around the points, as `Particles.neighbourhood`.
+
+        Raises ValueError for a reach of more than one support.
+        """
+        if reach != 1:
+            raise ValueError("at: the nested form has no random points; expected particles")
         block = self._joint(kernel).neighbourhood(
             target + self.home.population, kernel, extended=extended, errors=errors
         )

@@ -16,17 +16,22 @@ from sphtrunc.scenes.sites import in_pairs
 
 if TYPE_CHECKING:
     from sphtrunc.scenes.particles import Particles
+    from sphtrunc.scenes.probes import Probes
     from sphtrunc.scenes.smoothing_lengths import Sloped
 
-Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped"
+Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped | Probes"
 
 
 def paired(scene: Scene) -> bool:
     """The neighbours of every target lie at ±s."""
     home: Any = getattr(scene, "lattice", scene)
     still = not getattr(scene, "sigma", 0.0)
-    whole = isinstance(home, Lattice) and home.wall is None
-    return whole and still and in_pairs(home.kind, home.offset)
+    return (
+        isinstance(home, Lattice)
+        and home.wall is None
+        and still
+        and in_pairs(home.kind, home.offset)
+    )
 
 
 def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:

@@ -216,13 +216,14 @@ def _why(contents: Contents) -> dict[str, str]:
     said = {}
     if "h" not in known:
         said["kernel"] = "not identified: the file has no smoothing length; --h H gives one"
-    elif "density" not in known or "mass" not in known:
-        missing = [name for name in ("density", "mass") if name not in known]
-        said["kernel"] = f"not identified: the file has no {' and no '.join(missing)}"
+    elif "density" not in known:
+        said["kernel"] = "not identified: the file has no density"
     elif contents.identified is None:
         said["kernel"] = "not identified: no support of the catalogue fits between the particles"
     else:
         said["kernel"] = _sentence(contents.identified, "densities", FITS)
+        if "mass" not in known:
+            said["kernel"] += "; the file has no masses: they are taken as equal"
     if contents.forces is not None:
         said["gradient"] = _sentence(contents.forces, "accelerations", FORCES_FIT)
     agrees = _agrees(contents)

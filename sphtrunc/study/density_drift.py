@@ -37,7 +37,7 @@ SCHEMES = {
     "rk2": 2,
     "rk4": 4,
 }
-_FINE = 400  # steps of the motion that a prediction integrates along, at least
+_FINE = 160  # steps of the motion that a prediction integrates along, at least
 
 
 @dataclass(frozen=True)

@@ -82,10 +82,10 @@ class Identification:
 
 
 @cache
-def _shapes() -> list[Kernel]:
-    """The catalogue, each shape once under its best known name."""
+def _shapes(dim: int) -> list[Kernel]:
+    """The catalogue, each shape once under its best known name in that dimension."""
     found: dict[Any, Kernel] = {}
-    for name in names():
+    for name in sorted(names(), key=lambda name: name.endswith("-1d") == (dim > 1)):
         kernel = named(name)
         head = kernel.coefficients()[0][0]
         scale = float(kernel.support)
@@ -157,23 +157,32 @@ class _Pairs:
 
 
 def density_residual(
-    pairs: _Pairs, density: Array, kernel: Kernel, dim: int, ratio: float
+    pairs: _Pairs, density: Array, kernel: Kernel, dim: int, ratio: float, weighed: bool = True
 ) -> float:
-    """The median over targets of |Σ_b m_b W_ab/ρ_a − 1|."""
+    """The median over targets of |Σ_b m_b W_ab/ρ_a − 1|; of equal masses that are not known
+    (`weighed` is false), with the mass that makes the median of the quotients 1."""
     factor = pairs.factor(kernel, dim, VALUE, ratio)
     summed = np.einsum("nt,nt->t", factor, pairs.mass[: len(factor)]) / pairs.h**dim
-    return float(np.median(np.abs(summed / density[pairs.targets] - 1.0)))
+    quotient = summed / density[pairs.targets]
+    if not weighed:
+        middle = float(np.median(quotient))
+        quotient = quotient / (middle if middle > 0 else 1.0)
+    return float(np.median(np.abs(quotient - 1.0)))
 
 
 def identify_density(snapshot: Snapshot, scene: Particles) -> Identification | None:
-    """Which kernel, support and mode made the saved densities; None where there is no density or
-    no mass, or where no support of the catalogue could be one."""
+    """Which kernel, support and mode made the saved densities, of particles of equal mass where the
+    file has no masses; None where there is no density, or where no support of the catalogue could
+    be one."""
     density = snapshot.fields.get("density")
-    if density is None or "mass" not in snapshot.fields:
+    weighed = "mass" in snapshot.fields
+    if density is None:
         return None
 
     def judge(pairs: _Pairs) -> Judge:
-        return lambda kernel, ratio: density_residual(pairs, density, kernel, scene.dim, ratio)
+        return lambda kernel, ratio: density_residual(
+            pairs, density, kernel, scene.dim, ratio, weighed
+        )
 
     return _identified(snapshot, scene, judge, FITS, _SCREENED)
 
@@ -283,7 +292,7 @@ def _candidates(snapshot: Snapshot, scene: Particles) -> Iterator[tuple[Kernel, 
     around = float(np.median(per_volume * scene.h**dim)) * float(BALL[dim].evalf())
     least = (_LEAST_NEIGHBOURS / around) ** (1.0 / dim)
     most = _reach((_MOST_NEIGHBOURS / around) ** (1.0 / dim), snapshot, scene)
-    for kernel in _shapes():
+    for kernel in _shapes(dim):
         for ratio in conventions(kernel, dim):
             if least <= ratio <= most:
                 yield kernel, ratio

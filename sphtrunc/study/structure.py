@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sphtrunc.theory.fields import Signals
 
 
-def structure_factor(scene: Scene | Probes, *, reach: float | None = None) -> StructureFactor:
+def structure_factor(scene: Scene, *, reach: float | None = None) -> StructureFactor:
     """S(k) of a scene: in closed form for a lattice, displaced or not; measured for particles in a
     periodic box, every mode up to kΔx = reach (default: 40, 16, 10 in 1D, 2D, 3D), and, smeared,
     for free particles.
@@ -85,7 +85,7 @@ def disorder(
     return found.smoothed(), found.fit().power
 
 
-def by_structure(scene: Scene | Probes) -> bool:
+def by_structure(scene: Scene) -> bool:
     """Predictions for the scene rest on its structure factor: explicit particles, and points of
     space anywhere among those of a lattice."""
     return isinstance(scene, (Particles, Probes)) or getattr(scene, "anywhere", False)
@@ -110,6 +110,7 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
     if name not in known or (home.given is None and known.get(f"{name} for") != kernel):
         known[f"{name} for"] = kernel
         known[name] = measured(home.x, home.period, volumes=volumes(home, kernel))
+    assert home.period is not None
     spacing = float(np.prod(home.period) / home.population) ** (1.0 / home.dim)
     return known[name], {"dx_over_h": spacing / float(home.h[0]), "at": at}
 
@@ -131,7 +132,7 @@ def require_theory(scene: Any) -> None:
 
 
 def predict_by_structure(
-    scene: Scene | Probes, kernel: Kernel | str, operator: Operator, degree: int = 3
+    scene: Scene, kernel: Kernel | str, operator: Operator, degree: int = 3
 ) -> Prediction:
     """Predicted mean and standard deviation of the moments of the first component, over all points
     of space, or over the particles.
@@ -145,7 +146,7 @@ def predict_by_structure(
 
 
 def errors_by_structure(
-    scene: Scene | Probes,
+    scene: Scene,
     kernel: Kernel | str,
     operator: Operator,
     signals: Signals,

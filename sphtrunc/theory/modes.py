@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LONGITUDINAL, TRANSVERSE = "longitudinal", "transverse"
-VOLUMES = ("summation", "constant")
+VOLUMES = ("summation", "constant", "corrected")
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,14 @@ class Rest:
     """Particles of equal mass at rest on a lattice, under a uniform pressure.
 
     kernel, kind, ratio: the kernel, a lattice of `scenes.sites`, Δx/h
-    force: a form of `operators.forces`; pressure: p = P₀/(ρc²); stress: artificial stress
+    force: a form of `operators.forces`; pressure: p = P₀/(ρc²)
+    stress: artificial stress, which acts for p < 0; not at p = 0, where its force has a kink
     volume: "summation", ρ = Σ m W; "constant", ρ = m/Δx^d, as a density that is integrated from
-        there keeps it (and as stress points have it)
+        there keeps it (and as stress points have it); "corrected", integrated by the corrected
+        divergence of a csph form
 
-    Raises ValueError for Δx/h <= 0, an unknown volume, a lattice on which the form has no formula,
-    and where no neighbour is inside the support.
+    Raises ValueError for Δx/h <= 0, an unknown volume, and a lattice on which the form has no
+    formula; what is asked of it does so where no neighbour is inside the support.
     """
 
     kernel: Kernel | Gaussian
@@ -93,7 +95,8 @@ class Rest:
     def matrix(self, waves: LatticeWaves, pressure: Any) -> Any:
         """D(k) at a pressure in the numbers of `waves`."""
         if self.stress is None:
-            return dynamical(self.force, waves, pressure)
+            moved = self.volume == "corrected"
+            return dynamical(self.force, waves, pressure, corrected=moved)
         epsilon = Fraction(self.stress.epsilon)
         number = _number if waves.exact else float if waves.offsets.dtype != object else _wide
         stress = replace(self.stress, epsilon=number(epsilon))
@@ -384,23 +387,35 @@ def _eigenvalues(matrix: list[list[Any]]) -> list[Any]:
     n = len(matrix)
     if n == 1:
         return [ctx.mpf(matrix[0][0].real)]
-    square = ctx.matrix(matrix)
     size = max(abs(x) for row in matrix for x in row)
     skew = max(abs(matrix[i][j] - ctx.conj(matrix[j][i])) for i in range(n) for j in range(n))
     if skew <= size * ctx.mpf(10) ** -40:
         complex_ = any(ctx.im(x) != 0 for row in matrix for x in row)
-        found = (ctx.eighe if complex_ else ctx.eigsy)(square, eigvals_only=True)
-        return sorted(ctx.re(x) for x in found)
-    values, _ = ctx.eig(square)
+        solve = ctx.eighe if complex_ else ctx.eigsy
+        return sorted(ctx.re(x) for x in solve(_cleaned(matrix), eigvals_only=True))
+    values, _ = ctx.eig(ctx.matrix(matrix))
     return sorted((x if abs(ctx.im(x)) > size * ctx.mpf(10) ** -20 else ctx.re(x) for x in values),
                   key=lambda x: ctx.re(x))  # fmt: skip
+
+
+def _cleaned(matrix: list[list[Any]]) -> Any:
+    """A Hermitian matrix without what rounding left of it on the diagonal and across."""
+    ctx = real_context()
+    n = len(matrix)
+    return ctx.matrix(
+        [
+            [ctx.re(matrix[i][i]) if i == j else matrix[i][j] if i < j else ctx.conj(matrix[j][i])
+             for j in range(n)]
+            for i in range(n)
+        ]
+    )  # fmt: skip
 
 
 def _acoustic(matrix: list[list[Any]], dim: int) -> Any:
     """The eigenvalue of the mode in which all particles of the cell move along the first axis."""
     if len(matrix) == dim:
         return matrix[0][0]  # by symmetry the other axes do not take part
-    values, vectors = real_context().eighe(real_context().matrix(matrix))
+    values, vectors = real_context().eighe(_cleaned(matrix))
     n = len(matrix)
     shares = [abs(sum(vectors[i, j] for i in range(0, n, dim))) for j in range(n)]
     return values[max(range(n), key=lambda j: shares[j])]

@@ -147,6 +147,7 @@ def test_a_map_is_three_files(capsys: pytest.CaptureFixture[str], tmp_path: Path
         ((), "got no resolution, expected one of --dx-over-h and --neighbours"),
         (("--dx-over-h", "1", "--neighbours", "4"), "got both --dx-over-h and --neighbours"),
         (("--dx-over-h", "3"), "no neighbour is inside the support of 2h"),
+        (("--dim", "3", "--dx-over-h", "1/20"), "are inside the support, at most 20000 are taken"),
         (("--dx-over-h", "-1"), "dx-over-h: got -1, expected a positive number"),
         (("--neighbours", "1/2"), "neighbours: got 1/2, expected a number between"),
         (("--dx-over-h", "1", "--k", "3/2"), "outside the zone of the lattice uniform"),

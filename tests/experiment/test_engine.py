@@ -134,6 +134,21 @@ def test_sums_are_within_their_bound_of_50_digits(
     assert np.median(ratios) < tightness
 
 
+def test_a_sum_may_lose_all_that_its_bound_allows() -> None:
+    """One neighbour of weight 1 and 1,023 of almost half a step of the floats, all of them lost:
+    nine tenths of the bound of the compiled sum would not do, and no half of it."""
+    n, small = 1024, UNIT * (1 - 2.0**-20)
+    volume = np.full(n, 4 * small)  # Ŵ = 1/4 exactly
+    volume[0] = 4.0
+    scene = particles(np.arange(n) / n, h=1.0, volume=volume)
+    kernel, key = sphtrunc.kernel("polynomial:-1"), ((0,), (0,))
+    sums = pair_sums(scene, kernel, [key], bound=True, engine="numba", targets=[0, 5])
+    lost = (n - 1) * Fraction(small)
+    for found, bound in zip(sums.base[key], sums.base_bound[key], strict=True):
+        assert Fraction(float(found)) == 1
+        assert Fraction(9, 10) * Fraction(float(bound)) < lost <= Fraction(float(bound))
+
+
 # ------------------------------------------------------------------ one result, however it is made
 
 

@@ -57,7 +57,7 @@ def read(path: Path, kind: str | None) -> Table:
             plain = name[2:] if name[:2] in ("c_", "f_", "v_", "d_") else name
             arrays[plain if plain not in names else name] = values
     arrays, notes = _positions(arrays, box)
-    _forces(arrays)
+    _forces(arrays, len(labels), notes)
     counts = None if kinds is None else dict(zip(labels, np.bincount(kinds).tolist(), strict=True))
     if kind is not None:
         if kind not in labels:
@@ -125,9 +125,13 @@ def _positions(
     return arrays, notes
 
 
-def _forces(arrays: dict[str, NDArray[Any]]) -> None:
-    """Accelerations where force and mass are written; forces of equal particles otherwise."""
-    if all(f"f{letter}" in arrays for letter in "xyz") and "mass" in arrays:
-        for letter in "xyz":
-            with np.errstate(all="ignore"):  # a mass of zero is reported when masses are looked at
-                arrays[f"a{letter}"] = arrays.pop(f"f{letter}") / arrays["mass"]
+def _forces(arrays: dict[str, NDArray[Any]], types: int, notes: list[str]) -> None:
+    """Accelerations out of forces and masses; of particles of one type, the forces themselves."""
+    names = [f"f{letter}" for letter in "xyz"]
+    if not all(name in arrays for name in names) or ("mass" not in arrays and types > 1):
+        return
+    for name in names:
+        with np.errstate(all="ignore"):  # a mass of zero is reported when masses are looked at
+            arrays[f"a{name[1]}"] = arrays.pop(name) / arrays.get("mass", np.ones(1))
+    if "mass" not in arrays:
+        notes.append("no masses: forces are taken as accelerations of particles of mass 1")

@@ -374,7 +374,7 @@ def _crystal(
             return damping(g)
         vectors, _, _, weight = reciprocal_vectors(kind, _shells_upto(kind, float(np.abs(g).max())))
         known = {tuple(np.round(v, 6)): abs(w) ** 2 for v, w in zip(vectors, weight, strict=True)}
-        return damping(g) * np.array([known[tuple(np.round(v, 6))] for v in g.T])
+        return np.asarray(damping(g) * [known[tuple(np.round(v, 6))] for v in g.T])
 
     return StructureFactor(dim, by, law, isotropic, kind, strength)
 
