@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.parse import kernel as kernel
     from sphtrunc.operators.moments import Moments as Moments
     from sphtrunc.operators.operator import Operator as Operator
+    from sphtrunc.scenes.boxes import box as box
     from sphtrunc.scenes.graded import graded as graded
     from sphtrunc.scenes.jittered import jittered as jittered
     from sphtrunc.scenes.lattice import beside_wall as beside_wall
@@ -45,6 +46,7 @@ _PUBLIC = {
     "Moments": "operators.moments",
     "Operator": "operators.operator",
     "beside_wall": "scenes.lattice",
+    "box": "scenes.boxes",
     "compare": "study.comparison",
     "derive": "theory.deriving",
     "error_map": "study.error_map",
