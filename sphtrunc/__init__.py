@@ -27,8 +27,11 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.jittered import jittered as jittered
     from sphtrunc.scenes.lattice import lattice as lattice
     from sphtrunc.scenes.particles import particles as particles
+    from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
+    from sphtrunc.study.error_map import error_map as error_map
+    from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
 
@@ -41,6 +44,7 @@ _PUBLIC = {
     "Operator": "operators.operator",
     "compare": "study.comparison",
     "derive": "theory.deriving",
+    "error_map": "study.error_map",
     "field": "experiment.fields",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
@@ -52,6 +56,8 @@ _PUBLIC = {
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
     "sinusoid": "experiment.fields",
+    "structure_factor": "study.structure",
+    "snapshot": "scenes.snapshots.formats",
     "weights": "experiment.matrices",
 }
 

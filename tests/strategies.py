@@ -6,6 +6,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from hypothesis import strategies as st
+from oracle import Shape, added, integral, multiplied
 
 from sphtrunc import Kernel
 from sphtrunc.operators.operator import Operator
@@ -55,9 +56,7 @@ def knot_lists(draw: st.DrawFn, most: int = 6) -> list[Fraction]:
 
 
 @st.composite
-def shapes(
-    draw: st.DrawFn, degree: int = 9, most: int = 6
-) -> tuple[list[Fraction], list[list[Fraction]]]:
+def shapes(draw: st.DrawFn, degree: int = 9, most: int = 6) -> Shape:
     """Knots and coefficients of a shape whose 1D, 2D and 3D integrals do not vanish.
 
     Three families: independent pieces (jumps everywhere), truncated powers Σ c_j (k_j − q)₊^n
@@ -88,11 +87,11 @@ def shapes(
             for piece in pieces[: j + 1]:
                 for i, value in enumerate(power):
                     piece[i] += c * value
-    if not all(_integral(knots, pieces, d) for d in (1, 2, 3)):
+    if not all(integral(Shape(knots, pieces), d) for d in range(3)):
         pieces[0] = [pieces[0][0] + Fraction(101), *pieces[0][1:]]
-    if not all(_integral(knots, pieces, d) for d in (1, 2, 3)):
+    if not all(integral(Shape(knots, pieces), d) for d in range(3)):
         knots, pieces = [Fraction(0), Fraction(1)], [[Fraction(1)]]
-    return knots, pieces
+    return Shape(knots, pieces)
 
 
 @st.composite
@@ -102,9 +101,7 @@ def kernels(draw: st.DrawFn, degree: int = 9, most: int = 6) -> Kernel:
 
 
 @st.composite
-def positive_shapes(
-    draw: st.DrawFn, degree: int = 9, most: int = 4
-) -> tuple[list[Fraction], list[list[Fraction]]]:
+def positive_shapes(draw: st.DrawFn, degree: int = 9, most: int = 4) -> Shape:
     """Shapes that are positive inside the support: Bernstein polynomials with weights >= 0.
 
     Weights of zero at either end let a piece vanish there to any order.
@@ -129,30 +126,7 @@ def positive_shapes(
                 term = multiplied(term, [b, Fraction(-1)])
             piece = added(piece, term)
         pieces.append(piece)
-    return knots, pieces
-
-
-def multiplied(p: list[Fraction], r: list[Fraction]) -> list[Fraction]:
-    product = [Fraction(0)] * (len(p) + len(r) - 1)
-    for i, a in enumerate(p):
-        for j, b in enumerate(r):
-            product[i + j] += a * b
-    return product
-
-
-def added(p: list[Fraction], r: list[Fraction]) -> list[Fraction]:
-    longer, shorter = (p, r) if len(p) >= len(r) else (r, p)
-    return [c + (shorter[i] if i < len(shorter) else 0) for i, c in enumerate(longer)]
-
-
-def _integral(knots: list[Fraction], pieces: list[list[Fraction]], dim: int) -> Fraction:
-    total = Fraction(0)
-    for a, b, piece in zip(knots, knots[1:], pieces, strict=False):
-        total += sum(
-            (c * (b ** (i + dim) - a ** (i + dim)) / (i + dim) for i, c in enumerate(piece)),
-            Fraction(0),
-        )
-    return total
+    return Shape(knots, pieces)
 
 
 FRAGMENTS = [

@@ -23,6 +23,8 @@ OURS = [
     "05-three-dimensions",
     "06-second-derivatives",
     "07-tuning",
+    "08-snapshots",
+    "11-stability",
     "12-conservation",
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from sphtrunc.audit.constants import identify
+from sphtrunc.audit.identification import identify
 from sphtrunc.cli import options
 from sphtrunc.output import emit
 

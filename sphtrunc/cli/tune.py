@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sphtrunc.cli import options
 from sphtrunc.output import emit, wrapped
 from sphtrunc.version import __version__
+
+if TYPE_CHECKING:
+    from sphtrunc.study.tuning import Setting
 
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 
@@ -29,6 +32,12 @@ PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 @options.estimate
 @click.option("--lattice", metavar="KIND", help="Which lattice is disordered.")
 @click.option("--jitter", type=float, default=0.0, help="Disorder σ/Δx.  [default: 0]")
+@click.option(
+    "--disorder",
+    metavar="KIND",
+    help="In place of --jitter: jitter:0.1, glass, poisson, or a FILE of particles.",
+)
+@click.option("--period", metavar="L", help="Side of the periodic box of that file, or Lx,Ly,Lz.")
 @click.option("--error", type=float, help="Wanted: this relative error at λ, at the least cost.")
 @click.option("--particles-per-wavelength", type=float, metavar="N", help="Given: λ/Δx.")
 @click.option("--particles", type=float, metavar="N", help="Given: particles in the box.")
@@ -85,6 +94,8 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     problem = Problem(given["dim"], operator, given["jitter"], lattice=given["lattice"])
     dim = problem.dim
     exact = exponents(operator, dim)
+    if given["disorder"] is not None:
+        problem, exact = _disordered(given, problem)
     document: dict[str, Any] = {
         "schema": "sphtrunc.tune/1",
         "dim": dim,
@@ -92,6 +103,7 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         "form": operator.form,
         "correction": operator.correction,
         "jitter": problem.sigma,
+        "disorder": None if problem.disorder is None else problem.disorder.by,
         "path": {
             "h": str(exact.p),
             "error": str(exact.order),
@@ -126,20 +138,52 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         n = value if aim == "particles_per_wavelength" else value ** (1 / dim) / box
         best = best_at_particles(problem, first, n)
     found = [best, *(best_at_cost(problem, k, best.cost) for k in kernels[1:])]
-    document["recommended"] = [s.to_dict() for s in sorted(found, key=lambda s: s.error.total)]
+    rows = [_with_pairing(s, k, dim) for s, k in zip(found, kernels, strict=True)]
+    rows.sort(key=lambda row: (row["pairs"], row["error"]["total"]))
+    document["recommended"] = rows
     document["most_neighbours"] = MOST_NEIGHBOURS[dim]
     document["pairs_per_second"] = given["pairs_per_second"]
     document["seconds"] = best.cost * box**dim / given["pairs_per_second"]
     if given["now"] is not None:
         ratio = _present(given["now"], first, dim)
         now = setting(problem, first, ratio, 1 / (best.particles * ratio))
-        document["now"] = {"given": given["now"], **now.to_dict()}
+        document["now"] = {"given": given["now"], **_with_pairing(now, first, dim)}
         document["advice"] = advice(problem, now.dominant)
         document["loss"] = {
             "error": now.error.total / best_at_particles(problem, first, now.particles).error.total,
             "at_equal_cost": now.error.total / best_at_cost(problem, first, now.cost).error.total,
         }
     return document
+
+
+def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any]:
+    """The problem with disorder of another kind than a jitter, and its exponents."""
+    from dataclasses import replace
+
+    from sphtrunc.cli.structure import scene
+    from sphtrunc.study.structure import disorder
+    from sphtrunc.study.tuning import exponents
+
+    text = given["disorder"]
+    if given["jitter"] or given["lattice"] is not None:
+        raise ValueError("disorder: got --jitter or --lattice as well, expected one or the other")
+    if text.startswith("jitter:"):
+        from sphtrunc.arithmetic.rational import exact
+
+        sigma = float(exact(text.partition(":")[2], "disorder"))
+        return replace(problem, sigma=sigma), exponents(problem.operator, problem.dim)
+    home = None if text in ("glass", "poisson") else scene(text, given["period"])
+    found, alpha = disorder(text, problem.dim, home)
+    return replace(problem, disorder=found), exponents(problem.operator, problem.dim, alpha)
+
+
+def _with_pairing(chosen: Setting, kernel: Any, dim: int) -> dict[str, Any]:
+    """A setting as data, with the neighbours from which its particles pair, and whether they do."""
+    from sphtrunc.study.pairing import pairing_limit
+
+    limit = pairing_limit(kernel, dim)
+    pairs = limit is not None and chosen.neighbours >= limit
+    return {**chosen.to_dict(), "pairing_limit": limit, "pairs": pairs}
 
 
 def _present(text: str, kernel: Any, dim: int) -> float:
@@ -157,11 +201,16 @@ _AIMS = ("error", "particles_per_wavelength", "particles", "pairs", "seconds")
 
 def _runs(given: dict[str, Any], problem: Any, kernel: Any) -> dict[str, Any]:
     """The runs of a table, and what is found of them."""
-    from sphtrunc.study.plateaus import explain, findings, read_table
+    from sphtrunc.study.plateaus import explain, explanations, findings, read_table
 
     rows = read_table(given["table"], problem.dim, given["wavelength"], given["box"])
     runs = explain(problem, kernel, rows)
-    return {"runs": runs, "findings": findings(problem, kernel, runs)}
+    found = explanations(problem, kernel, runs)
+    return {
+        "runs": runs,
+        "explanations": [model.to_dict() for model in found],
+        "findings": findings(problem, kernel, runs, found),
+    }
 
 
 _HEAD = (
@@ -200,15 +249,19 @@ def _made_of(error: dict[str, float]) -> str:
 def _text(document: dict[str, Any]) -> str:
     from sphtrunc.study.plateaus import power_text
 
-    dim, sigma = document["dim"], document["jitter"]
+    dim = document["dim"]
     corrected = "" if document["correction"] == "none" else f", {document['correction']}"
     lines = [
         f"{document['operator']}, {document['form']} form{corrected}, {dim}D,"
-        f" particles {f'displaced by σ/Δx = {sigma:g}' if sigma else 'on a lattice'}",
+        f" particles {_kind(document)}",
         "",
     ]
     if "runs" in document:
-        return "\n".join([*lines, *_table(document["runs"]), "", *wrapped(document["findings"])])
+        lines += _table(document["runs"])
+        for model in document["explanations"]:
+            if model["runs"] != document["runs"]:
+                lines += ["", f"With {model['name']}:", *_table(model["runs"])]
+        return "\n".join([*lines, "", *wrapped(document["findings"])])
     best = document["recommended"][0]
     found = [
         f"Take {best['kernel']} with h = {1 / best['dx_over_h']:.3g} Δx: Δx/h ="
@@ -219,12 +272,13 @@ def _text(document: dict[str, Any]) -> str:
         f"It takes {_count(best['cost'])} pairs per λ{'  ²³'[dim].strip()}:"
         f" {document['seconds']:.2g} s for the box at {document['pairs_per_second']:.3g} pairs/s.",
     ]
+    found += _pairing(document["recommended"], dim)
     if best["neighbours"] > 0.97 * document["most_neighbours"]:
         found.append(
             f"No more neighbours than {document['most_neighbours']} are looked at: with the same"
             " particles and still more the error may fall further."
         )
-    if document["jitter"]:
+    if document["jitter"] or document["disorder"]:
         path = {name: Fraction(text) for name, text in document["path"].items()}
         found.append(
             f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
@@ -240,10 +294,43 @@ def _text(document: dict[str, Any]) -> str:
                 f"Now ({now['given']}, {now['kernel']}, as many particles): the error is"
                 f" {_share(now['error']['total'])}, {loss['error']:.3g} times the least for these"
                 f" particles and {loss['at_equal_cost']:.3g} times the least for these pairs."
-                f" It is mostly {now['dominant']}. {document['advice']}"
+                f" It is mostly {now['dominant']}. {document['advice']}",
+                *([f"Now as well {_pairs(now, dim)}"] if now["pairs"] else []),
             ]
         )
     return "\n".join(lines)
+
+
+def _kind(document: dict[str, Any]) -> str:
+    if document["disorder"]:
+        return f"in disorder ({document['disorder']})"
+    sigma = document["jitter"]
+    return f"displaced by σ/Δx = {sigma:g}" if sigma else "on a lattice"
+
+
+def _pairing(rows: list[dict[str, Any]], dim: int) -> list[str]:
+    """A warning where the first setting lets particles pair; and why better ones are not first."""
+    first = rows[0]
+    if first["pairs"]:
+        other = "wendland-c2-1d" if dim == 1 else "wendland-c2"
+        return [
+            f"Warning: {_pairs(first, dim)} Wendland's kernels have no such limit: compare --kernel"
+            f" {other}."
+        ]
+    return [
+        f"{row['kernel']} is not preferred, though its error is less: {_pairs(row, dim)}"
+        for row in rows
+        if row["pairs"] and row["error"]["total"] < first["error"]["total"]
+    ]
+
+
+def _pairs(row: dict[str, Any], dim: int) -> str:
+    """What is wrong with so many neighbours."""
+    return (
+        f"with {_count(row['neighbours'])} neighbours particles pair in a fluid under pressure. The"
+        f" Fourier transform of {row['kernel']} changes sign in {dim}D, and holds them apart up to"
+        f" {row['pairing_limit']:.3g} neighbours."
+    )
 
 
 def _table(runs: list[dict[str, Any]]) -> list[str]:

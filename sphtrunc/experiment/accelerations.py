@@ -176,8 +176,12 @@ def _sum(fluid: Fluid, near: Pairs, P: Any, rho: Any, K_a: Any, K_b: Any) -> Any
     if fluid.stress is not None:
         far = np.array([fluid.stress.spacing * fluid.spacing / fluid.h], dtype=float)
         f = fluid.kernel_at(near.length / fluid.h, 0) / fluid.kernel_at(far, 0)
-        own = own * fluid.stress.factor(ends[0], f)
-        other = other * fluid.stress.factor(ends[1], f)
+        held = (own, other)
+        if fluid.stress.frozen:
+            rest = (fluid.state.pressure,) * 2 + (fluid.state.density,) * 2
+            held = (fluid.force.own(*rest), fluid.force.other(*rest))
+        own = own + fluid.stress.repulsion(held[0], ends[0], f)
+        other = other + fluid.stress.repulsion(held[1], ends[1], f)
     terms = _times(own, K_a) + _times(other, K_b)
     return -fluid.mass * near.total(terms)
 
@@ -403,20 +407,20 @@ def at_rest(fluid: Fluid, rate: Rate, x: Array) -> tuple[Array, Array]:
     m = fluid.mass
     a, b = near.a, near.b
     zero, one = np.zeros(len(a)), np.ones(len(a))
-    G = np.zeros((n, d, n))
+    G = np.zeros((n, n, d))  # a, b, axis
     for target, P_a, P_b in ((a, one, zero), (b, zero, one)):
         ends = (P_a, P_b, rho[a], rho[b])
         terms = _times(fluid.force.own(*ends) + zero, K_a) + _times(
             fluid.force.other(*ends) + zero, K_b
         )
-        np.add.at(G, (a, slice(None), target), -m * terms)
+        np.add.at(G, (a, target), -m * terms)
     R = np.zeros((n, n, d))
     seen = _times(rate.own(rho[a], rho[b]) + zero, K_a) + _times(
         rate.other(rho[a], rho[b]) + zero, K_b
     )
     np.add.at(R, (a, a), m * seen)
     np.add.at(R, (a, b), -rate.mirror * m * seen)
-    return G.reshape(n * d, n), R.reshape(n, n * d)
+    return G.transpose(0, 2, 1).reshape(n * d, n), R.reshape(n, n * d)
 
 
 def growth_at_rest(fluid: Fluid, rate: Rate, x: Array) -> float:

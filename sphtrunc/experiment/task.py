@@ -35,8 +35,8 @@ class Task:
     def cells(self) -> int:
         """The number of pairs that are looked at for a target, about."""
         rows = max(1, self.scene.rows(self.kernel))
-        nested = self.operator.form == NESTED and not isinstance(self.scene, Lattice)
-        return rows * rows if nested else rows
+        alike = isinstance(self.scene, Lattice) and self.scene.wall is None
+        return rows * rows if self.operator.form == NESTED and not alike else rows
 
 
 def is_wave(fields: tuple[Field, ...]) -> bool:
@@ -77,6 +77,14 @@ def described(task: Task) -> dict[str, Any]:
     if carried is not scene:
         settings["h_gradient"] = [str(g) for g in scene.gradient]
         settings["h_rule"] = scene.rule
+    wall = getattr(base, "wall", None)
+    if wall is not None:
+        settings["wall"] = {
+            "eta": str(wall.eta),
+            "at": str(base.wall_phase % 1),
+            "ghosts": wall.ghosts,
+            "weight": str(wall.share),
+        }
     settings["scene"] = _scene_text(settings, carried)
     return settings
 
@@ -93,6 +101,10 @@ def _scene_text(settings: dict[str, Any], scene: Any) -> str:
     if "h_rule" in settings:
         slope = ", ".join(settings["h_gradient"])
         text += f", h = 1 + g·s, g = ({slope}), {settings['h_rule']}"
+    if "wall" in settings:
+        wall = settings["wall"]
+        text += f", a wall at {wall['eta']} h, {wall['at']} steps before the first plane"
+        text += f", ghosts {wall['ghosts']}"
     return text + f", volume {settings['volume']}"
 
 

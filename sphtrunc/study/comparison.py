@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import factorial, prod, sqrt
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,17 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
 from sphtrunc.operators.operator import Operator
-from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
 from sphtrunc.scenes.smoothing_lengths import Sloped
+from sphtrunc.study.structure import (
+    by_structure,
+    errors_by_structure,
+    predict_by_structure,
+    require_theory,
+)
+from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
@@ -32,8 +39,12 @@ from sphtrunc.theory.varying_scenes import predict_varying
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
     """(lattice, σ/Δx, distribution) of a scene that the theory covers.
 
-    Raises ValueError, saying so, for graded spacing and explicit particles: there is no theory.
+    Raises ValueError, saying so, for graded spacing: there is no theory.
     """
+    if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
+        raise ValueError(
+            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
+        )
     if isinstance(scene, Jittered):
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
@@ -43,10 +54,9 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
             "scene: with a gradient of h there is theory for moments, not for fields; expected"
             " moments alone"
         )
-    sort = "graded" if isinstance(scene, Graded) else "explicit"
     raise ValueError(
-        f"scene: there is no theory for {sort} particles; expected a"
-        " lattice, with or without jitter"
+        "scene: there is no theory for graded particles; expected a lattice, with or without"
+        " jitter, or explicit particles in a periodic box"
     )
 
 
@@ -55,8 +65,25 @@ def predict_moments(
 ) -> Prediction:
     """Predicted mean and standard deviation of the moments of the first component.
 
-    Raises ValueError where there is no theory: see `rule`.
+    From the structure factor for explicit particles, and for targets that are not particles.
+
+    Raises ValueError where there is no theory: see `rule` and `structure`.
     """
+    home = getattr(scene, "lattice", scene)
+    if isinstance(home, Lattice) and home.wall is not None:
+        return predict_beside_wall(
+            parse_kernel(kernel),
+            operator,
+            home.kind,
+            home.dx_over_h,
+            home.offset,
+            home.wall,
+            sigma=getattr(scene, "sigma", 0.0),
+            distribution=getattr(scene, "distribution", "gaussian"),
+            degree=degree,
+        )
+    if by_structure(scene):
+        return predict_by_structure(scene, kernel, operator, degree)
     if isinstance(scene, Sloped):
         return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
     lattice, sigma, distribution = rule(scene)
@@ -177,7 +204,7 @@ def predict_error(
     Raises ValueError where there is no theory for the scene, and for fields of another kind.
     """
     kernel = parse_kernel(kernel)
-    lattice, sigma, distribution = rule(scene)
+    require_theory(scene)
     signals: Signals
     if isinstance(field, Sinusoid):
         wave = field.wave()
@@ -186,7 +213,7 @@ def predict_error(
     else:
         if isinstance(field, Mapping):
             field = polynomial(
-                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, lattice.dim
+                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, scene.dim
             )
         if not isinstance(field, Polynomial) or not field.coefficients:
             raise ValueError(
@@ -194,6 +221,9 @@ def predict_error(
                 " polynomial or a mapping from multi-indices to derivatives"
             )
         signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
+    if by_structure(scene):
+        return errors_by_structure(scene, kernel, operator, signals, precision)[0]
+    lattice, sigma, distribution = rule(scene)
     return predict_fields(
         kernel,
         operator,
@@ -213,6 +243,7 @@ def beside(
 ) -> dict[str, Any]:
     """The prediction of every figure of a measurement, and their ratios, ready for JSON.
 
+    "by": "structure factor" or "lattice", whichever it rests on;
     "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread);
     "error": the parts of the rms error and its ratio, for a sinusoid or a polynomial; "how";
     "none": why there is no theory for the scene, or for the field.
@@ -220,9 +251,10 @@ def beside(
     try:
         degree = max((sum(a) for a in measured.moments.values), default=0)
         result: dict[str, Any] = {}
+        source = "structure factor" if by_structure(scene) else "lattice"
         if measured.moments.values:
             found = predict_moments(scene, kernel, operator, degree)
-            result = {"how": found.how, "moments": {}}
+            result = {"how": found.how, "moments": {}, "by": source}
             for alpha, values in measured.moments.values.items():
                 std = found.std[alpha]
                 ratio = float(values.std()) / std if std and values.size > 1 else None
@@ -252,7 +284,7 @@ def beside_text(prediction: Mapping[str, Any]) -> str:
         lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
     rows = prediction.get("moments")
     if rows:
-        lines.append(f"Predicted moments ({prediction['how']})")
+        lines += wrap(f"Predicted moments ({prediction['how']})", 100, subsequent_indent="  ")
         lines.append("                        mean               std    measured/predicted std")
         for name, row in rows.items():
             ratio = "" if row["std_ratio"] is None else f"{row['std_ratio']:>22.4f}"

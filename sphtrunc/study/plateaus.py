@@ -1,9 +1,14 @@
-"""Plateaus: why the error of somebody's runs stops falling, from the predicted parts of it."""
+"""Plateaus: why the error of somebody's runs stops falling, from the predicted parts of it.
+
+A model of the runs is a disorder σ/Δx and the length of the wave that matters. It explains them if
+measured and predicted errors are alike and change alike with Δx; only such a model gives advice.
+"""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import groupby
 from math import exp, isfinite, log
@@ -21,13 +26,21 @@ Run = dict[str, Any]
 
 ALIKE = 2.0  # measured over predicted, either way: norms of an error differ by as much
 LEAST, MOST = 1e-4, 0.6  # σ/Δx that are tried on runs whose disorder is not known
+LITTLE = 0.05  # a part of an error that is not worth an explanation
 TRIED = 5  # of the runs
+STEEP = 0.5  # powers of Δx that differ by more are those of different parts, which are integers
+WAVES = np.geomspace(16.0, 1 / 16, 33)  # wavelengths that are tried, in λ
 
 
 def explain(
-    problem: Problem, kernel: Kernel | str, rows: Sequence[tuple[float, float, float]]
+    problem: Problem,
+    kernel: Kernel | str,
+    rows: Sequence[tuple[float, float, float]],
+    wave: float = 1.0,
 ) -> list[Run]:
     """What dominates the error of somebody's runs: rows (Δx/λ, h/λ, error), error nan if not known.
+
+    wave: the length of the wave that matters, in λ.
 
     In the order of falling Δx, each with its predicted error and parts, the part that dominates,
     and `order` and `predicted_order`, the power of Δx with which the error changed since the run
@@ -40,7 +53,7 @@ def explain(
     for dx, h, error in sorted(rows, key=lambda row: -row[0]):
         if not (0 < dx < float("inf") and 0 < h < float("inf")):
             raise ValueError(f"table: got Δx = {dx:g}, h = {h:g}, expected positive lengths")
-        here = setting(problem, shape, dx / h, h)
+        here = setting(problem, shape, dx / h, h / wave)
         run = {
             "dx_over_lambda": dx,
             "h_over_lambda": h,
@@ -57,19 +70,135 @@ def explain(
     return runs
 
 
-def _order(runs: Sequence[Run], column: str) -> float | None:
-    """The power of Δx along these runs."""
-    known = [(log(r["dx_over_lambda"]), log(r[column])) for r in runs if r[column]]
+def _order(runs: Sequence[Run], column: str, where: str = "dx_over_lambda") -> float | None:
+    """The power of Δx along these runs, as far as another column is known."""
+    known = [(log(r["dx_over_lambda"]), log(r[column])) for r in runs if r[column] and r[where]]
     if len({x for x, _ in known}) < 2:
         return None
     x, y = zip(*known, strict=True)
     return float(np.polyfit(x, y, 1)[0])
 
 
-def findings(problem: Problem, kernel: Kernel | str, runs: Sequence[Run]) -> list[str]:
-    """The same in sentences: whether the prediction explains the runs at all, what dominates where,
-    and what to change."""
-    said = _trust(problem, parse_kernel(kernel), runs)
+@dataclass(frozen=True)
+class Explanation:
+    """A model with which the predicted errors are those of the runs.
+
+    wave: the length of the wave that matters, in λ; runs: as from `explain`, with that model
+    """
+
+    problem: Problem
+    wave: float
+    runs: list[Run]
+
+    @property
+    def widest(self) -> float:
+        """The largest factor between measured and predicted errors, either way."""
+        ratios = _ratios(self.runs)
+        return max(max(ratios), 1 / min(ratios))
+
+    @property
+    def fits(self) -> bool:
+        """Errors are alike, and so is the power of Δx as far as the runs tell it."""
+        orders = [_order(self.runs, column, "error") for column in ("error", "predicted")]
+        if orders[0] is None or orders[1] is None:
+            return self.widest <= ALIKE
+        lengths = [log(run["dx_over_lambda"]) for run in self.runs if run["error"]]
+        allowed = max(STEEP, log(1.5) / (max(lengths) - min(lengths)))
+        return self.widest <= ALIKE and abs(orders[0] - orders[1]) <= allowed
+
+    @property
+    def name(self) -> str:
+        """What is to be given for it."""
+        if self.wave != 1:
+            return f"a wave of {self.wave:.2g} λ"
+        return f"--jitter {self.problem.sigma:.2g}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model, and the runs with it."""
+        return {
+            "name": self.name,
+            "jitter": self.problem.sigma,
+            "wavelength": self.wave,
+            "factor": self.widest,
+            "runs": self.runs,
+        }
+
+
+def explanations(problem: Problem, kernel: Kernel | str, runs: Sequence[Run]) -> list[Explanation]:
+    """The models that explain the runs: the problem as it is given; if that does not, another
+    disorder and another wavelength, the better one first. Empty where no error is known."""
+    shape = parse_kernel(kernel)
+    known = [run for run in runs if run["error"]]
+    if not known:
+        return []
+    given = Explanation(problem, 1.0, list(runs))
+    if given.fits:
+        return [given]
+    rows = [
+        (
+            r["dx_over_lambda"],
+            r["h_over_lambda"],
+            float("nan") if r["error"] is None else r["error"],
+        )
+        for r in runs
+    ]
+    tried = [*known[:: -(-len(known) // TRIED)], known[-1]]
+    found = []
+    sigma, wave = _disorder_of(problem, shape, tried), _wave_of(problem, shape, tried)
+    if sigma is not None:
+        other = replace(problem, sigma=sigma)
+        found.append(Explanation(other, 1.0, explain(other, shape, rows)))
+    if wave is not None:
+        found.append(Explanation(problem, wave, explain(problem, shape, rows, wave)))
+    several = len({run["dx_over_lambda"] for run in known}) > 1  # one run is met by either
+    return sorted((e for e in found if e.fits), key=lambda e: several * e.widest)
+
+
+def findings(
+    problem: Problem,
+    kernel: Kernel | str,
+    runs: Sequence[Run],
+    found: Sequence[Explanation] | None = None,
+) -> list[str]:
+    """The same in sentences: which model explains the runs, if any, what dominates where by that
+    model, and what to change; where two do, the run that would decide between them.
+
+    found: the `explanations`, where they are at hand
+    """
+    if not any(run["error"] for run in runs):
+        return _parts(problem, runs)
+    found = explanations(problem, kernel, runs) if found is None else found
+    if not found:
+        return [
+            f"{_apart(runs)}, and no other λ and no disorder explains that: look for an error that"
+            " is not the estimate's (in time, at boundaries, in the reference), or another norm;"
+            f" here it is the rms error over the largest exact value.{_evidence(problem, runs)}"
+        ]
+    first, *others = found
+    if first.problem == problem and first.wave == 1:
+        said = (
+            f"Measured and predicted agree within a factor {first.widest:.3g}: this explains the"
+            " runs."
+        )
+        return [said, *_parts(problem, runs)]
+    known = f"{problem.sigma:g}" if first.wave == 1 else "λ"
+    said = [
+        f"{_apart(runs)}; {first.name} in place of {known} would explain that."
+        f"{_slopes(first, runs)}",
+        *_parts(first.problem, first.runs),
+    ]
+    for other in others:
+        part = other.runs[-1]["dominant"]
+        said.append(
+            f"The errors agree as well with {other.name}, where they are mostly {part}."
+            f" {_decisive(kernel, first, other)}"
+        )
+    return said
+
+
+def _parts(problem: Problem, runs: Sequence[Run]) -> list[str]:
+    """What dominates where, and what to change."""
+    said = []
     for dominant, group in groupby(runs, key=lambda run: str(run["dominant"])):
         members = list(group)
         first, last = (f"{members[i]['dx_over_lambda']:.3g}" for i in (0, -1))
@@ -77,13 +206,80 @@ def findings(problem: Problem, kernel: Kernel | str, runs: Sequence[Run]) -> lis
         orders = [_order(members, column) for column in ("error", "predicted")]
         text = f"{where}: {dominant} dominates"
         if orders[0] is not None and orders[1] is not None:
-            seen, predicted = (
-                f"Δx^{round(order, 1) + 0.0:g}" for order in orders if order is not None
-            )
-            text += f"; the error goes as {seen}, predicted {predicted}"
+            text += f"; the error goes as {_power(orders[0])}, predicted {_power(orders[1])}"
         level = orders[1] is not None and abs(orders[1]) < 0.25
         said.append(f"{text}. {advice(problem, dominant, level)}")
     return said
+
+
+def _power(order: float) -> str:
+    return f"Δx^{round(order, 1) + 0.0:g}"
+
+
+def _ratios(runs: Sequence[Run]) -> list[float]:
+    return [run["error"] / run["predicted"] for run in runs if run["error"]]
+
+
+def _apart(runs: Sequence[Run]) -> str:
+    """How far the errors are from the predicted ones."""
+    ratios = _ratios(runs)
+    typical = exp(float(np.median(np.log(ratios))))
+    if len(ratios) == 1:
+        return f"The error is {typical:.2g} times the predicted"
+    return (
+        f"The errors are {typical:.2g} times the predicted in the median, from {min(ratios):.2g} to"
+        f" {max(ratios):.2g}"
+    )
+
+
+def _slopes(found: Explanation, runs: Sequence[Run]) -> str:
+    """The powers of Δx as evidence."""
+    seen, before, now = (
+        _order(rows, column, "error")
+        for rows, column in ((runs, "error"), (runs, "predicted"), (found.runs, "predicted"))
+    )
+    if seen is None or before is None or now is None:
+        return ""
+    return (
+        f" They go as {_power(seen)}, as predicted with it, {_power(now)}, rather than without,"
+        f" {_power(before)}."
+    )
+
+
+def _evidence(problem: Problem, runs: Sequence[Run]) -> str:
+    """The powers of Δx beside those of the parts, where Δx/h is the same in all runs."""
+    seen = _order(runs, "error")
+    ratios = [run["dx_over_lambda"] / run["h_over_lambda"] for run in runs]
+    if seen is None or max(ratios) > 1.01 * min(ratios):
+        return ""
+    smoothing = smoothing_power(problem.operator)
+    return (
+        f" They go as {_power(seen)}; at this Δx/h smoothing goes as Δx^{smoothing}, discretisation"
+        f" as Δx^0, disorder as Δx^{_disorder_power(problem.operator)}."
+    )
+
+
+def _decisive(kernel: Kernel | str, first: Explanation, other: Explanation) -> str:
+    """The run, finer or with more neighbours than the finest, of which two models say the most
+    different errors, each further from the other than errors that are alike."""
+    shape = parse_kernel(kernel)
+    finest = first.runs[-1]
+    dx, h = finest["dx_over_lambda"], finest["h_over_lambda"]
+    found = []
+    for finer, less in ((2, 2), (4, 4), (2, 1), (4, 2)):  # Δx and h divided by so much
+        ratio = dx / finer * less / h
+        errors = [
+            setting(model.problem, shape, ratio, h / less / model.wave).error.total
+            for model in (first, other)
+        ]
+        found.append((abs(log(errors[0] / errors[1])), finer, less, errors))
+        if found[-1][0] > 2 * log(ALIKE):
+            break
+    _, finer, less, errors = max(found)
+    return (
+        f"To decide, a run with Δx/λ = {dx / finer:.3g} and h/λ = {h / less:.3g}: its error is"
+        f" {errors[0]:.2g} by {first.name} and {errors[1]:.2g} by {other.name}."
+    )
 
 
 def advice(problem: Problem, part: str, level: bool = False) -> str:
@@ -110,7 +306,7 @@ def advice(problem: Problem, part: str, level: bool = False) -> str:
 
 def _disorder(operator: Operator, dim: int) -> str:
     """Disorder is ∝ h^{j−m}, j the degree of the first polynomial that is not reproduced."""
-    power = operator.consistency + 1 - operator.derivatives
+    power = _disorder_power(operator)
     if power < 0:
         grows = "1/h" if power == -1 else f"1/h^{-power}"
         text = f"At a fixed number of neighbours it grows as {grows}: refinement makes it worse."
@@ -130,6 +326,11 @@ def _disorder(operator: Operator, dim: int) -> str:
     )
 
 
+def _disorder_power(operator: Operator) -> int:
+    """Of h at a fixed Δx/h."""
+    return operator.consistency + 1 - operator.derivatives
+
+
 def power_text(base: str, power: Fraction) -> str:
     """A power as it is read: Δx, Δx^2 or Δx^(2/5)."""
     if power == 1:
@@ -137,59 +338,59 @@ def power_text(base: str, power: Fraction) -> str:
     return f"{base}^{power}" if power.denominator == 1 else f"{base}^({power})"
 
 
-def _trust(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> list[str]:
-    """Whether measured and predicted errors are alike, and which disorder would make them so."""
-    known = [run for run in runs if run["error"]]
-    if not known:
-        return []
-    ratios = [run["error"] / run["predicted"] for run in known]
-    typical = exp(float(np.median(np.log(ratios))))
-    widest = max(max(ratios), 1 / min(ratios))
-    if widest <= ALIKE:
-        return [
-            f"Measured and predicted agree within a factor {widest:.3g}: this explains the runs."
-        ]
-    several = len(ratios) > 1
-    text = f"The {'errors are' if several else 'error is'} {typical:.2g} times the predicted" + (
-        f" in the median, from {min(ratios):.2g} to {max(ratios):.2g}" if several else ""
-    )
-    sigma = _explaining(problem, kernel, known)
-    if sigma is not None:
-        return [f"{text}; --jitter {sigma:.2g} in place of {problem.sigma:g} would explain that."]
-    return [
-        f"{text}, and no disorder explains that: look for an error that is not the estimate's (in"
-        " time, at boundaries, in the reference), another λ, or another norm; here it is the rms"
-        " error over the largest exact value."
-    ]
+def _disorder_of(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float | None:
+    """The σ/Δx at which the median of measured over predicted is one, 0 where it is not more
+    without any disorder, None where it is more with all."""
 
-
-def _explaining(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float | None:
-    """The σ/Δx at which the median of measured over predicted is one, if all are alike there."""
-    step = -(-len(runs) // TRIED)
-    tried = [*runs[::step], runs[-1]]
-
-    def ratios(sigma: float) -> list[float] | None:
-        other = Problem(problem.dim, problem.operator, sigma, problem.distribution, problem.lattice)
+    def median(sigma: float) -> float | None:
+        other = replace(problem, sigma=sigma)
         found = []
-        for run in tried:
+        for run in runs:
             dx, h = run["dx_over_lambda"], run["h_over_lambda"]
             splits = other.split(kernel, dx / h, [h])
             if splits is None:
                 return None
             found.append(log(run["error"] / splits[0].total))
-        return found
+        return float(np.median(found))
 
+    none = median(0.0)
+    if none is not None and none < LITTLE:
+        return 0.0
     low, high = log(LEAST), log(MOST)
     for _ in range(14):
         middle = 0.5 * (low + high)
-        found = ratios(exp(middle))
-        if found is None or float(np.median(found)) < 0:
+        found = median(exp(middle))
+        if found is None or found < 0:
             high = middle
         else:
             low = middle
-    found = ratios(exp(low))
-    alike = found is not None and max(abs(x) for x in found) <= log(ALIKE)
-    return exp(low) if alike and exp(low) < 0.99 * MOST else None
+    return exp(low) if exp(low) < 0.99 * MOST else None
+
+
+def _wave_of(problem: Problem, kernel: Kernel, runs: Sequence[Run]) -> float | None:
+    """The length of a wave, in λ and nearest to it, with which the errors are alike, if there is
+    one."""
+
+    def misfit(waves: Any) -> Any:
+        worst = np.zeros(len(waves))
+        for run in runs:
+            dx, h = run["dx_over_lambda"], run["h_over_lambda"]
+            splits = problem.split(kernel, dx / h, [float(h / wave) for wave in waves])
+            if splits is None:
+                return np.full(len(waves), np.inf)
+            off = np.abs(np.log(run["error"] / np.array([split.total for split in splits])))
+            seen = np.maximum(h, dx) <= 0.5 * waves  # as `tune` has it: two particles, two lengths
+            worst = np.maximum(worst, np.where(seen, off, np.inf))
+        return worst
+
+    off = misfit(WAVES)
+    sides = np.concatenate([[np.inf], off, [np.inf]])
+    valley = (off <= sides[:-2]) & (off <= sides[2:]) & (off <= log(ALIKE))
+    if not valley.any():
+        return None
+    place = min(np.flatnonzero(valley), key=lambda i: abs(log(WAVES[i])))
+    near = WAVES[place] * np.geomspace(WAVES[0] / WAVES[1], WAVES[1] / WAVES[0], 33)
+    return float(near[int(np.argmin(misfit(near)))])
 
 
 def read_table(

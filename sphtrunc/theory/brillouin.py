@@ -89,7 +89,7 @@ def shortest(kind: str, kappa: Array) -> Array:
 
     b = np.array([[float(c) for c in row] for row in reciprocal(kind)])
     dim = len(b)
-    steps = np.array(list(product(range(-2, 3), repeat=dim))) @ b
+    steps = np.array(list(product((-1, 0, 1), repeat=dim))) @ b  # these bases are reduced
     length = scale(kind)
     turned = np.rint(kappa @ np.linalg.inv(b)) @ b
     moved = (kappa - turned)[:, None, :] + steps
@@ -143,13 +143,19 @@ def halves(kind: str) -> list[Kappa]:
     found = []
     for picks in product((0, 1), repeat=len(b)):
         if any(picks):
-            kappa = [sum(p * row[i] for p, row in zip(picks, b, strict=True)) / 2
-                     for i in range(len(b))]  # fmt: skip
-            found.append(_short(kind, kappa))
+            kappa = _moved((Fraction(0),) * len(b), picks, b)
+            found.append(_short(kind, tuple(c / 2 for c in kappa)))
     return found
 
 
-def _short(kind: str, kappa: Sequence[Fraction]) -> Kappa:
+def _moved(kappa: Kappa, picks: Sequence[int], b: Sequence[Kappa]) -> Kappa:
+    """κ + Σ n_i b_i."""
+    for n, row in zip(picks, b, strict=True):
+        kappa = tuple(c + n * r for c, r in zip(kappa, row, strict=True))
+    return kappa
+
+
+def _short(kind: str, kappa: Kappa) -> Kappa:
     """The shortest of the same wave, exactly, with as few minus signs as there can be."""
     b = reciprocal(kind)
     squares = [Fraction(s * s).limit_denominator(10**9) for s in scale(kind) / scale(kind)[0]]
@@ -158,9 +164,5 @@ def _short(kind: str, kappa: Sequence[Fraction]) -> Kappa:
         size = sum((c * c * s for c, s in zip(k, squares, strict=True)), Fraction(0))
         return size, sum(c < 0 for c in k), tuple(-c for c in k)
 
-    same = (
-        tuple(c + sum(p * row[i] for p, row in zip(picks, b, strict=True))
-              for i, c in enumerate(kappa))
-        for picks in product(range(-2, 3), repeat=len(b))
-    )  # fmt: skip
+    same = (_moved(kappa, picks, b) for picks in product(range(-2, 3), repeat=len(b)))
     return min(same, key=length)

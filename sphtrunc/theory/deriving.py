@@ -106,10 +106,10 @@ def derive(
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
     if wall is not None:
-        if jitter is not None or volume != "constant":
+        if jitter is not None or volume != "constant" or h_gradient is not None:
             raise ValueError(
-                "wall: displaced particles and summed volumes beside a wall are measured, not"
-                " derived; expected no jitter, and volume constant"
+                "wall: displaced particles, summed volumes and a varying h beside a wall are not"
+                " derived here; expected no jitter, no h-gradient, and volume constant"
             )
         from sphtrunc.theory.wall_derivation import beside
 

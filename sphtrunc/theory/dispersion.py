@@ -150,7 +150,7 @@ def dynamical(
         if rest.pull != 0:
             matrix = matrix + rest.pull * waves.tensor(waves.hessian)
         if stress is not None and pressure < 0:
-            matrix = matrix - stress.epsilon * _stressed(waves, rest, stress.power, spacing, into)
+            matrix = matrix - stress.epsilon * _stressed(waves, rest, stress, spacing, into)
         return matrix
     if force.gradient == REFERENCE:  # the pressure of the reference state cancels
         return out @ into
@@ -167,15 +167,30 @@ def dynamical(
     raise ValueError(f"form: {force.name} has an unknown gradient {force.gradient!r}")
 
 
-def _stressed(waves: LatticeWaves, rest: Response, power: int, spacing: Any, into: Any) -> Any:
+def _stressed(
+    waves: LatticeWaves, rest: Response, stress: ArtificialStress, spacing: Any, into: Any
+) -> Any:
     """The terms of K = fⁿ∇W in place of ∇W, ∇K = fⁿ∇∇W + n f^{n−1} ∇W∇Wᵀ/W(Δp)."""
-    f = waves.f0 / spacing
-    g = waves.gradient
-    steep = (f**power)[:, None, None] * waves.hessian + (power * f ** (power - 1) / spacing)[
-        :, None, None
-    ] * g[:, :, None] * g[:, None, :]
-    out, _ = waves.vector((f**power)[:, None] * g)
-    return rest.slope * (out @ into) + rest.pull * waves.tensor(steep)
+    n, f, g = stress.power, waves.f0 / spacing, waves.gradient
+    steep = (f**n)[:, None, None] * waves.hessian
+    bent = (n * f ** (n - 1) / spacing)[:, None, None] * g[:, :, None] * g[:, None, :]
+    matrix = rest.pull * waves.tensor(steep + bent)
+    if stress.frozen:
+        return matrix
+    out, _ = waves.vector((f**n)[:, None] * g)
+    return matrix + rest.slope * (out @ into)
+
+
+def damping(waves: LatticeWaves) -> Any:
+    """Γ of artificial viscosity, linearised, in units of αc/h: ẍ = −Dx − αΓẋ with
+
+        Γ = −V Σ (1 − cos k·r) ∇W rᵀ/r²
+
+    for pairs that approach and that recede (Monaghan & Gingold 1983,
+    doi:10.1016/0021-9991(83)90036-0).
+    """
+    s = waves.offsets
+    return waves.tensor(-(waves.f1 / waves.squares)[:, None, None] * s[:, :, None] * s[:, None, :])
 
 
 def _grad_h(waves: LatticeWaves, rest: Response, out: Any, into: Any) -> Any:

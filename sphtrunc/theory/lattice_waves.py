@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 #: roots of unity up to this order are calculated with exactly
 MOST_TURNS = 4096
+#: rows of phases that a scan holds for each wave
+MOST_NEIGHBOURS = 20_000
 #: the power of kh up to which long waves are expanded
 DEGREE = 6
 
@@ -181,6 +183,11 @@ def _around(kind: str, reach: float, staggered: bool) -> tuple[Any, Any, Any]:
     place = m + 0.5 * staggered
     r = place.T * np.array([float(u) for u in units(kind)])
     order = np.flatnonzero(keep)
+    if order.size > MOST_NEIGHBOURS:
+        raise ValueError(
+            f"dx-over-h: {order.size} neighbours or pairs of them are inside the support, at most"
+            f" {MOST_NEIGHBOURS} are taken over a whole zone; expected a larger Δx/h"
+        )
     order = order[np.argsort((r[order] ** 2).sum(axis=1), kind="stable")]
     return place[:, order], r[order], None if other is None else other[order]
 

@@ -162,15 +162,17 @@ def odd(key: Key) -> bool:
 
 
 def has_pole(kernel: Kernel, key: Key) -> bool:
-    """The integral over a neighbourhood of the origin diverges, by one of its terms at least."""
+    """A 1/q is integrated: the sum belongs to a moment that difference forms do not have, and the
+    interior gives it as 0 (`limit.continuous_sum`)."""
     return any(
-        min(laurent(kernel, name)[0], default=0) + sum(beta) + len(beta) <= 0
-        and not any(n % 2 for n in beta)
+        power == 0 or (power < 0 and i == 0)
         for _, beta, name in parts(key)
+        for i, piece in enumerate(laurent(kernel, name))
+        for power in (j + sum(beta) + len(beta) for j in piece)
     )
 
 
-# ---------------------------------------------------------------------------------- kinds of numbers
+# ------------------------------------------------------------------------------- kinds of numbers
 
 
 @lru_cache(maxsize=1 << 14)
@@ -221,6 +223,8 @@ def _assembled(terms: Terms, number: Arithmetic) -> Any:
             k = knot if exact or knot is None else number.make(fraction(knot))
             value = FUNCTIONS[name](number.functions, k, number.argument)
             total += number.finish(c) * value
+    if exact and any(name == "log" for name, _ in terms):
+        return sympy.expand_log(total.expand(), force=True)
     return total
 
 

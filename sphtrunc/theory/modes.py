@@ -6,8 +6,9 @@ Frequencies are ω² in units of c²/h², growth rates √(−ω²) in c/h.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from math import sqrt
@@ -51,12 +52,13 @@ class Rest:
     """Particles of equal mass at rest on a lattice, under a uniform pressure.
 
     kernel, kind, ratio: the kernel, a lattice of `scenes.sites`, Δx/h
-    force: a form of `operators.forces`; pressure: p = P₀/(ρc²); stress: artificial stress
+    force: a form of `operators.forces`; pressure: p = P₀/(ρc²)
+    stress: artificial stress, which acts for p < 0; not at p = 0, where its force has a kink
     volume: "summation", ρ = Σ m W; "constant", ρ = m/Δx^d, as a density that is integrated from
         there keeps it (and as stress points have it)
 
-    Raises ValueError for Δx/h <= 0, an unknown volume, a lattice on which the form has no formula,
-    and where no neighbour is inside the support.
+    Raises ValueError for Δx/h <= 0, an unknown volume, and a lattice on which the form has no
+    formula; what is asked of it does so where no neighbour is inside the support.
     """
 
     kernel: Kernel | Gaussian
@@ -95,7 +97,7 @@ class Rest:
             return dynamical(self.force, waves, pressure)
         epsilon = Fraction(self.stress.epsilon)
         number = _number if waves.exact else float if waves.offsets.dtype != object else _wide
-        stress = ArtificialStress(number(epsilon), self.stress.power, self.stress.spacing)
+        stress = replace(self.stress, epsilon=number(epsilon))
         return dynamical(self.force, waves, pressure, stress, self._at_spacing(waves))
 
     def _at_spacing(self, waves: LatticeWaves) -> Any:
@@ -338,16 +340,9 @@ def written(entry: Any, order: int) -> str:
         elif value and turn != Fraction(1, 2):
             angle = "pi" if top == 1 else f"{top}*pi"
             size = "" if abs(value) == 1 else f"{abs(value)}*"
-            sign = "-" if value < 0 else "+"
-            parts.append(f"{sign} {size}cos({angle}/{bottom})")
+            parts.append(f"{'-' if value < 0 else '+'} {size}cos({angle}/{bottom})")
     text = " ".join(parts) or "0"
-    return (
-        text[2:]
-        if text.startswith("+ ")
-        else text.replace("- ", "-", 1)
-        if text[:2] == "- "
-        else text
-    )
+    return text.removeprefix("+ ") if text[0] == "+" else re.sub("^- ", "-", text)
 
 
 def _exact_eigenvalues(entries: list[list[Any]], order: int) -> dict[float, str]:
@@ -390,23 +385,35 @@ def _eigenvalues(matrix: list[list[Any]]) -> list[Any]:
     n = len(matrix)
     if n == 1:
         return [ctx.mpf(matrix[0][0].real)]
-    square = ctx.matrix(matrix)
     size = max(abs(x) for row in matrix for x in row)
     skew = max(abs(matrix[i][j] - ctx.conj(matrix[j][i])) for i in range(n) for j in range(n))
     if skew <= size * ctx.mpf(10) ** -40:
         complex_ = any(ctx.im(x) != 0 for row in matrix for x in row)
-        found = (ctx.eighe if complex_ else ctx.eigsy)(square, eigvals_only=True)
-        return sorted(ctx.re(x) for x in found)
-    values, _ = ctx.eig(square)
+        solve = ctx.eighe if complex_ else ctx.eigsy
+        return sorted(ctx.re(x) for x in solve(_cleaned(matrix), eigvals_only=True))
+    values, _ = ctx.eig(ctx.matrix(matrix))
     return sorted((x if abs(ctx.im(x)) > size * ctx.mpf(10) ** -20 else ctx.re(x) for x in values),
                   key=lambda x: ctx.re(x))  # fmt: skip
+
+
+def _cleaned(matrix: list[list[Any]]) -> Any:
+    """A Hermitian matrix without what rounding left of it on the diagonal and across."""
+    ctx = real_context()
+    n = len(matrix)
+    return ctx.matrix(
+        [
+            [ctx.re(matrix[i][i]) if i == j else matrix[i][j] if i < j else ctx.conj(matrix[j][i])
+             for j in range(n)]
+            for i in range(n)
+        ]
+    )  # fmt: skip
 
 
 def _acoustic(matrix: list[list[Any]], dim: int) -> Any:
     """The eigenvalue of the mode in which all particles of the cell move along the first axis."""
     if len(matrix) == dim:
         return matrix[0][0]  # by symmetry the other axes do not take part
-    values, vectors = real_context().eighe(real_context().matrix(matrix))
+    values, vectors = real_context().eighe(_cleaned(matrix))
     n = len(matrix)
     shares = [abs(sum(vectors[i, j] for i in range(0, n, dim))) for j in range(n)]
     return values[max(range(n), key=lambda j: shares[j])]

@@ -14,6 +14,7 @@ from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.euler_maclaurin import phased
+from sphtrunc.theory.symmetry import classes
 
 if TYPE_CHECKING:
     from sphtrunc.theory.derivation import Derivation, Varying
@@ -27,11 +28,6 @@ _PRIMES = {0: "", 1: "′", 2: "″", 3: "‴"}
 
 def text(d: Derivation) -> str:
     """What a person reads first; at most 100 columns, deterministic."""
-    if d.wall is not None:
-        from sphtrunc.theory.wall_text import wall_text
-
-        table = _table_text(d) if d.discrete is not None else ""
-        return "\n\n".join(block for block in (_kernel_text(d), wall_text(d), table) if block)
     blocks = [
         _kernel_text(d),
         _smoothness_text(d),
@@ -273,13 +269,19 @@ def _scatter_text(d: Derivation) -> str:
     scatter = d.scatter
     assert scatter is not None
     lines = [
-        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}",
+        f"Moments of particles displaced by σ = {scatter.jitter or 0:g} Δx, {scatter.distribution}",
         *_wrapped([*scatter.how.split(" ")], "  by ", " "),
-        "  k          mean                 standard deviation",
     ]
-    for alpha, mean in scatter.mean.items():
-        if mean or scatter.std[alpha]:
-            lines.append(f"  {label(alpha):<9}  {mean:<19.12g}  {scatter.std[alpha]:.6g}")
+    shown = [alpha for alpha, mean in scatter.mean.items() if mean or scatter.std[alpha]]
+    groups = classes(d.operator, d.lattice, d.shift, shown)
+    alike = max(map(len, groups), default=1) > 1
+    lines.append(
+        "  k          mean                 standard deviation" + "   equal by symmetry" * alike
+    )
+    for first, *others in groups:
+        row = f"  {label(first):<9}  {scatter.mean[first]:<19.12g}  {scatter.std[first]:<18.6g}"
+        names = [label(alpha) for alpha in others]
+        lines += [line.rstrip() for line in _wrapped(["", *names], row, "   ")]
     return "\n".join(lines)
 
 

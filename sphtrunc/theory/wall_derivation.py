@@ -15,7 +15,7 @@ from sphtrunc.kernels.arguments import rational
 from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
-from sphtrunc.scenes.walls import Wall
+from sphtrunc.scenes.walls import PLACES, Wall
 from sphtrunc.theory.marginal import ETA, beyond_pieces, cut_pieces, cut_sum
 from sphtrunc.theory.orders import Orders
 from sphtrunc.theory.wall_orders import wall_order, wall_response
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.theory.derivation import Derivation
 
-PLACES = {"particle": Rational(0), "half-way": Rational(1, 2)}
 BEYOND = {
     "none": "nothing",
     "mirror": "images with the value of their original, A(s*)",
@@ -119,7 +118,7 @@ def beside(
     eta = rational(wall, "wall")
     place = None
     if at is not None:
-        place = fraction(PLACES.get(str(at)) or rational(0 if at == "particle" else at, "wall-at"))
+        place = fraction(rational(PLACES.get(str(at), at), "wall-at"))
     if dx_over_h is None and (at is not None or weight is not None):
         raise ValueError("wall-at, wall-weight: these need a lattice, expected dx-over-h as well")
     return _placed(
@@ -227,16 +226,19 @@ def open_moments(
 
     Raises ValueError for corrections where the base sums have roots and logarithms.
     """
+    refusal = (
+        f"wall: in {dim}D the sums of this operator have roots and logarithms of η, and its"
+        " correction divides by them: there is no short form; expected a number"
+    )
+    if dim == 2 and not operator.uncorrected:
+        raise ValueError(refusal)
     needed = operator.needed(dim, degree)
     sides: list[dict[Key, Any]] = [{key: cut_pieces(kernel, key)[piece][2] for key in needed}]
     if ghosts != "none":
         sides.append({key: beyond_pieces(kernel, key)[piece][2] for key in needed})
     closed = all(e.is_rational_function(ETA) for side in sides for e in side.values())
     if not closed and not operator.uncorrected:
-        raise ValueError(
-            f"wall: in {dim}D the sums of this operator have roots and logarithms of η, and its"
-            " correction divides by them: there is no short form; expected a number"
-        )
+        raise ValueError(refusal)
     at: Any = ETA
     field = QQ.frac_field(ETA)
     if closed:
@@ -266,7 +268,7 @@ def _power(dim: int, k: int) -> Key:
 
 
 def _place(phase: Any) -> str:
-    names = {fraction(value): name for name, value in PLACES.items()}
+    names = {value: name for name, value in PLACES.items()}
     return names.get(phase, str(phase))
 
 

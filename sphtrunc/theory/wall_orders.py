@@ -3,8 +3,8 @@
 Over planes of particles a base sum is a sum in one dimension of the plane integral f_⊥(z), with the
 wall as a knot: m = ∫ f + Σ_n (−1)^{n−1}/n! f_⊥^{(n−1)}(−η⁺) B̃_n(−φ) (Δx/h)^n + what the knots of
 the kernel add, φ the steps of planes from the wall to the first one. f_⊥ is known in closed form in
-every dimension, and with it ∂M_α/∂((Δx/h)^n B̃_n(−φ)), through any correction: exactly where the
-base sums are rational, else by a difference in 50 digits.
+every dimension, and with it ∂M_α/∂((Δx/h)^n B̃_n(−φ)), through any correction, by numbers that
+carry their slope: exactly where the base sums are rational, else in 50 digits.
 """
 
 from __future__ import annotations
@@ -13,24 +13,26 @@ from collections.abc import Callable
 from math import factorial
 from typing import Any
 
-from sympy import QQ, Expr, Rational
+from sympy import QQ, Expr, Rational, zoo
 
+from sphtrunc.arithmetic.dual import Dual
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.lattice_sums import real_context
-from sphtrunc.theory.marginal import ETA, cut_sum, odd, per_distance, plane, plane_pieces
+from sphtrunc.theory.marginal import ETA, cut_sum, has_pole, odd, per_distance, plane, plane_pieces
 from sphtrunc.theory.walls import HalfSpace, in_layers, moments_of, settled
 
 MOST = 6  # the highest power of Δx/h that is looked at
-STEP = 16  # −log₁₀ of the difference, of numbers of 50 digits
 
 
 def slope_at(kernel: Kernel, key: Key, z: Rational, m: int) -> Any:
     """f_⊥^{(m)}(z⁺): on the fluid's side of a wall at z."""
     at = abs(z)
+    if at == 0 and has_pole(kernel, key):
+        return Rational(0)  # of a moment that difference forms do not have
     if at == 0 and len(key[1]) == 2:
         return _flat_slope(kernel, key, m)
     here = [e for a, b, e in plane_pieces(kernel, key) if (a <= at < b if z >= 0 else a < at <= b)]
@@ -42,12 +44,41 @@ def slope_at(kernel: Kernel, key: Key, z: Rational, m: int) -> Any:
 
 
 def _flat_slope(kernel: Kernel, key: Key, m: int) -> Any:
-    """The same at z = 0 in 2D, where f_⊥ is a constant, a linear term and what is smaller, z² ln z
-    included: derivatives that need not exist count as none."""
+    """The same at z = 0 in 2D, where f_⊥ is a constant, a linear term and what is smaller,
+    z² ln z included: derivatives that need not exist are infinite here."""
     if m > 1:
-        return Rational(0)
-    value = per_distance(kernel, key) if m else plane(kernel, key, Rational(0))
-    return value if value.is_finite else Rational(0)
+        return zoo
+    return per_distance(kernel, key) if m else plane(kernel, key, Rational(0))
+
+
+def wall_response(
+    kernel: Kernel, operator: Operator, dim: int, degree: int, wall: Wall, n: int, axis: int = 0
+) -> dict[MultiIndex, Any] | None:
+    """c_α of M_α = limit + c_α B̃_n(−φ) (Δx/h)^n + …, to first order in the base sums; None where
+    there is no such power: f_⊥ has z² ln z at η = 0, or sums over planes are multiplied, as for
+    dummies and the nested form."""
+    if in_layers(operator, wall.ghosts):
+        return None
+    eta: Any = Rational(wall.eta.numerator, wall.eta.denominator)
+    scale = Rational((-1) ** (n - 1), factorial(n))
+    keys = operator.needed(dim, degree)
+    sides = [eta] if wall.ghosts == "none" else [eta, -eta]  # of the target, of its image
+    pairs = [
+        {key: (cut_sum(kernel, key, x), scale * slope_at(kernel, key, -x, n - 1)) for key in keys}
+        for x in sides
+    ]
+    numbers = [x for side in pairs for pair in side.values() for x in pair]
+    if not all(x.is_finite for x in numbers):
+        return None
+    exact = all(x.is_Rational for x in numbers)
+    make = QQ.from_sympy if exact else precise
+    sums = [{key: Dual(*map(make, pair)) for key, pair in side.items()} for side in pairs]
+    fluid = HalfSpace(lambda _: sums[0], lambda _: sums[-1], lambda *_: [])
+    found = moments_of(operator, dim, degree, axis, make(eta), wall.ghosts, fluid)
+    slopes = {a: m.slope if isinstance(m, Dual) else 0 * m for a, m in found.items()}
+    if exact:
+        return {alpha: QQ.to_sympy(QQ(slope)) for alpha, slope in slopes.items()}
+    return {alpha: settled(slope) for alpha, slope in slopes.items()}
 
 
 def precise(x: Expr) -> Any:
@@ -55,59 +86,21 @@ def precise(x: Expr) -> Any:
     return real_context().mpf(str(x.evalf(60)))
 
 
-def wall_response(
-    kernel: Kernel, operator: Operator, dim: int, degree: int, wall: Wall, n: int, axis: int = 0
-) -> dict[MultiIndex, Any]:
-    """c_α of M_α = limit + c_α B̃_n(−φ) (Δx/h)^n + …, to first order in the base sums.
-
-    Raises ValueError where sums over planes are multiplied, as for dummies and the nested form.
-    """
-    if in_layers(operator, wall.ghosts):
-        raise ValueError("wall: no order in Δx/h is derived for dummies and for the nested form")
-    eta = Rational(wall.eta.numerator, wall.eta.denominator)
-    scale = Rational((-1) ** (n - 1), factorial(n))
-    keys = operator.needed(dim, degree)
-    sides = [eta] if wall.ghosts == "none" else [eta, -eta]  # of the target, of its image
-    values = [{key: cut_sum(kernel, key, x) for key in keys} for x in sides]
-    slopes = [{key: scale * slope_at(kernel, key, -x, n - 1) for key in keys} for x in sides]
-    numbers = [x for one in (*values, *slopes) for x in one.values()]
-
-    def moved(make: Callable[[Expr], Any], by: Any, at: Any) -> dict[MultiIndex, Any]:
-        """The moments at η as a number, every base sum moved by so many of its slopes."""
-        sums = [
-            {key: make(value[key]) + by * make(slope[key]) for key in keys}
-            for value, slope in zip(values, slopes, strict=True)
-        ]
-        fluid = HalfSpace(lambda _: sums[0], lambda _: sums[-1], lambda *_: [])
-        return moments_of(operator, dim, degree, axis, at, wall.ghosts, fluid)
-
-    if all(x.is_Rational for x in numbers):
-        field = QQ.frac_field("epsilon")
-        exact = moved(lambda x: field(QQ.from_sympy(x)), field.gens[0], QQ.from_sympy(eta))
-        steep = {alpha: field(value).diff(field.gens[0]) for alpha, value in exact.items()}
-        return {
-            alpha: QQ.to_sympy(s.numer.coeff(1) / s.denom.coeff(1)) for alpha, s in steep.items()
-        }
-    ctx = real_context()
-    small = ctx.mpf(10) ** -STEP
-    at = ctx.mpf(wall.eta.numerator) / wall.eta.denominator
-    up, down = (moved(precise, step, at) for step in (small, -small))
-    return {alpha: settled((up[alpha] - down[alpha]) / (2 * small), 25) for alpha in up}
-
-
 def wall_order(
-    responses: Callable[[int], dict[MultiIndex, Any]],
+    responses: Callable[[int], dict[MultiIndex, Any] | None],
     aligned: bool,
     alpha: MultiIndex | None = None,
 ) -> int | None:
     """The power of Δx/h of the first term of a wall in M_α, in any moment for None; None if there
-    is none up to MOST.
+    is none up to MOST, or no power.
 
     responses: `wall_response` as a function of n
     aligned: the wall is at particles, of which half counts, or half-way, where odd powers vanish
     """
     for n in range(2 if aligned else 1, MOST + 1, 2 if aligned else 1):
         found = responses(n)
+        if found is None:
+            return None
         if any(found.values()) if alpha is None else found[alpha] != 0:
             return n
     return None

@@ -7,14 +7,17 @@ from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.operators.moments import MultiIndex
+from sphtrunc.theory.remedies import named
 from sphtrunc.theory.typeset import (
     _h,
+    _kernel_text,
     _number,
     _plain,
     _power,
     _product,
     _signed,
     _sub,
+    _table_text,
     _title,
     _wrapped,
 )
@@ -28,7 +31,13 @@ if TYPE_CHECKING:
 PLACED = {"particle": "at a plane of particles", "half-way": "half-way between planes of particles"}
 
 
-def wall_text(d: Derivation) -> str:
+def text(d: Derivation) -> str:
+    """As `typeset.text`: the kernel, the wall and its errors, the moments at a ratio."""
+    table = _table_text(d) if d.discrete is not None else ""
+    return "\n\n".join(block for block in (_kernel_text(d), _wall_text(d), table) if block)
+
+
+def _wall_text(d: Derivation) -> str:
     """Where the wall is, the moments of what it leaves, and the error; at most 100 columns."""
     view = d.wall
     assert view is not None
@@ -59,8 +68,8 @@ def wall_text(d: Derivation) -> str:
         )
         if order.aligned is not None and order.aligned != order.generic:
             lines.append(
-                f"  and of order (Δx/h){_power(order.aligned)} where it is half-way, or at particles"
-                " of which half counts"
+                f"  and of order (Δx/h){_power(order.aligned)} where it is half-way, or at"
+                " particles of which half counts"
             )
     return "\n".join(lines)
 
@@ -70,12 +79,6 @@ def leading_terms(d: Derivation) -> Mapping[MultiIndex, Any]:
     taylor = {a: e / prod(factorial(n) for n in a) for a, e in d.limit.error.items() if e != 0}
     degrees = sorted({sum(a) for a in taylor})[:2]
     return {a: c for a, c in taylor.items() if sum(a) in degrees}
-
-
-def named(alpha: MultiIndex) -> str:
-    """The derivative of A: A, A_n, A_tt, …; in 3D the two tangents are t and b."""
-    index = "".join(axis * n for axis, n in zip("ntb", alpha, strict=False))
-    return f"A_{index}" if index else "A"
 
 
 def _polynomial(value: Expr) -> str:

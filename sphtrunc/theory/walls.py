@@ -242,7 +242,7 @@ def _nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any
     a, b = (ctx.mpf(str(x)) if isinstance(x, Rational) else x for x in ends)
     inner = {_digits_of(k) for k in knots}
     line = sorted({a, b, *(k for k in inner if a < k < b)})
-    rule = GaussLegendre(ctx).calc_nodes(5, ctx.prec)
+    rule = GaussLegendre(ctx).calc_nodes(4, ctx.prec)
     for low, high in pairwise(line):
         if high - low < ctx.mpf(10) ** -30:
             continue
@@ -302,6 +302,7 @@ def wall_lattice_moments(
         )
     exact = exact and (len(shift) == 1 or (operator.uncorrected and not layered))
     support = Fraction(int(kernel.support.p), int(kernel.support.q))
+    wall.require_seen(kind, dx_over_h, shift, support)
     share = wall.share
 
     def some(keys: Sequence[Key], at: Sequence[Fraction], planes: Any) -> dict[Key, Any]:

@@ -7,8 +7,10 @@ import re
 from fractions import Fraction
 from random import Random
 
+import numpy as np
 import pytest
 
+from sphtrunc import measure, particles, sinusoid
 from sphtrunc.cli import main
 from sphtrunc.experiment.wavelengths import waves
 from sphtrunc.kernels.conventions import convert
@@ -16,9 +18,11 @@ from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
-from sphtrunc.study.plateaus import explain, findings, read_table
+from sphtrunc.study.plateaus import explain, explanations, findings, read_table
+from sphtrunc.study.structure import disorder
 from sphtrunc.study.tuning import (
     Problem,
+    _minimum,
     best_at_cost,
     best_at_error,
     best_at_particles,
@@ -99,6 +103,55 @@ def test_the_wanted_error_is_reached_at_the_least_cost():
 
 
 @pytest.mark.parametrize(
+    ("alpha", "paths"),
+    [
+        (0, (("1/3", "2/3", "2/3"), ("3/7", "6/7", "4/7"), ("3/5", "6/5", "2/5"))),
+        (1, (("2/5", "4/5", "3/5"), ("1/2", "1", "1/2"), ("2/3", "4/3", "1/3"))),
+        (2, (("5/11", "10/11", "6/11"), ("5/9", "10/9", "4/9"), ("5/7", "10/7", "2/7"))),
+        (4, (("7/13", "14/13", "6/13"), ("7/11", "14/11", "4/11"), ("7/9", "14/9", "2/9"))),
+    ],
+)
+def test_paths_of_kinds_of_disorder(alpha, paths):
+    """p = (d + α)/(d + α + 6 − 2m) in 3D for the standard, difference and first-order consistent
+    gradients, m = 0, 1, 2; found by hand."""
+    forms = (("standard", "none"), ("difference", "none"), ("difference", "csph"))
+    for (form, correction), expected in zip(forms, paths, strict=True):
+        found = exponents(Operator("gradient", form, correction), 3, alpha)
+        assert (found.p, found.order, found.neighbours) == tuple(map(Fraction, expected))
+
+
+def test_the_ceiling_of_a_rough_kernel():
+    """q = min((d + α)/2, β + 1 + (d−1)/2): α = 4 in 1D with β = 1 has 2, not 5/2."""
+    assert exponents(Operator("gradient"), 1, 4, beta=1).p == Fraction(2, 2 + 3)
+    assert exponents(Operator("gradient"), 1, 4, beta=2).p == Fraction(5, 5 + 6)
+    with pytest.raises(ValueError, match="alpha: got -1"):
+        exponents(Operator("gradient"), 1, -1)
+
+
+def test_disorder_by_its_name_and_by_particles():
+    """The best number of neighbours in independent particles, predicted by the structure factor,
+    is that of an error measured around it; names that mean nothing are refused."""
+    factor, alpha = disorder("poisson", 1)
+    assert (alpha, float(factor(np.ones((1, 1)))[0])) == (0, 1.0)
+    assert disorder("jitter:0.1", 2)[1] == 2
+    with pytest.raises(ValueError, match="disorder: got 'gas', expected jitter"):
+        disorder("gas", 2)
+    problem = Problem(1, Operator("gradient", "difference"), disorder=factor)
+    best = best_at_particles(problem, "wendland-c2-1d", 40)
+    rng = np.random.default_rng(1)
+    count = 40000
+    scene = particles(rng.random(count) * count, h=1 / best.dx_over_h, volume=1.0, period=count)
+    seen = measure(
+        scene,
+        "wendland-c2-1d",
+        problem.operator,
+        sinusoid(best.h_over_lambda),
+        targets=4000,
+    ).error
+    assert seen["rms"] == pytest.approx(best.error.total, rel=0.06)
+
+
+@pytest.mark.parametrize(
     ("operator", "name", "sigma", "error"),
     [
         (SHEPARD, "cubic-spline", 0.02, 0.003),  # the least cost is in a dip of Δx/h near 1
@@ -156,7 +209,8 @@ def test_a_plateau_is_explained(tmp_path):
     assert found[0]["predicted_order"] is None
     assert 0 < found[1]["predicted_order"] < 2  # from smoothing into the plateau
     assert abs(found[2]["predicted_order"]) < 0.02
-    said = findings(Problem(1, STANDARD, 0.0), "polynomial:4", found)
+    told = [{**run, "error": None} for run in found]  # what is to be expected, without errors
+    said = findings(Problem(1, STANDARD, 0.0), "polynomial:4", told)
     assert "take more neighbours" in said[-1]
     noisy = explain(Problem(1, STANDARD, 0.1), "polynomial:4", rows)
     assert [run["dominant"] for run in noisy][1:] == ["disorder", "disorder"]
@@ -198,11 +252,84 @@ def test_measured_runs_are_explained(operator, order, says):
     assert abs(float(sigma[1]) / 0.1 - 1) < 0.05
 
 
+def test_advice_is_that_of_the_model_that_explains_the_runs(capsys, tmp_path):
+    """One run of a 3D lattice of unknown disorder. Its error is that of particles displaced by
+    0.14 Δx, measured here: smoothing, which dominates without them, gives no advice."""
+    file = tmp_path / "runs.csv"
+    file.write_text("dx,h,error\n0.01,0.0173,0.12\n")
+    problem = Problem(3, STANDARD, 0.14)
+    assert measured(problem, "wendland-c2", 1 / 1.73, 0.0173 / 0.2, 0.03) == pytest.approx(
+        0.12, rel=0.1
+    )
+    options = ("--kernel", "wendland-c2", "--dim", "3", "--wavelength", "0.2", "--table", str(file))
+    code, text, _ = run(capsys, *options)
+    assert code == 0
+    said = " ".join(text.split())
+    assert "--jitter 0.14 in place of 0 would explain that" in said
+    assert "disorder dominates. At a fixed number of neighbours it grows as 1/h: refinement" in said
+    assert "smoothing dominates" not in said
+    assert "smaller h" not in said
+    # one run is met by a shorter wave as well: which run would tell, and what either predicts
+    found = re.search(
+        r"as well with a wave of ([\d.]+) λ, where they are mostly smoothing. To decide, a run with"
+        r" Δx/λ = ([\d.]+) and h/λ = ([\d.]+): its error is ([\d.]+) by --jitter 0.14 and ([\d.]+)"
+        r" by a wave of \1 λ",
+        said,
+    )
+    assert found is not None, said
+    wave, dx, h, disorder, smoothing = map(float, found.groups())
+    assert measured(problem, "wendland-c2", dx / h, h, 0.03) == pytest.approx(disorder, rel=0.1)
+    still = measured(Problem(3, STANDARD), "wendland-c2", dx / h, h / wave)
+    assert still == pytest.approx(smoothing, rel=0.03)  # two digits of the wave are printed
+    code, text, _ = run(capsys, *options, "--format", "json")
+    document = json.loads(text)
+    assert [m["name"].split()[0] for m in document["explanations"]] == ["--jitter", "a"]
+    assert [m["runs"][0]["dominant"] for m in document["explanations"]] == ["disorder", "smoothing"]
+    assert document["runs"][0]["dominant"] == "smoothing"  # of the particles that were given
+
+
+def test_the_slope_of_the_table_decides():
+    """Errors measured with a wave half as long fall as Δx², as no disorder lets them; with disorder
+    they grow as 1/Δx, as no wave does. Within a factor of two of Δx either."""
+    problem, name = Problem(1, STANDARD), "wendland-c4"
+    lengths = (0.1, 0.07, 0.05)
+    shorter = [(x / 2, x, measured(problem, name, 0.5, 2 * x)) for x in lengths]
+    (model,) = explanations(problem, name, explain(problem, name, shorter))
+    assert model.problem.sigma == 0
+    assert model.wave == pytest.approx(0.5, rel=0.02)
+    assert model.runs[-1]["dominant"] == "smoothing"
+    rough = [(x / 2, x, measured(Problem(1, STANDARD, 0.1), name, 0.5, x)) for x in lengths]
+    runs = explain(problem, name, rough)
+    (model,) = explanations(problem, name, runs)
+    assert (model.wave, model.problem.sigma) == (1, pytest.approx(0.1, rel=0.03))
+    still = [(x / 2, x, measured(problem, name, 0.5, x)) for x in lengths]
+    powers = [
+        np.polyfit(np.log([dx for dx, _, _ in rows]), np.log([e for _, _, e in rows]), 1)[0]
+        for rows in (rough, rough, still)
+    ]
+    assert powers[0] < -0.8
+    said = re.search(
+        r"go as Δx\^(\S+), as predicted with it, Δx\^(\S+), rather than without, Δx\^(\S+)\.",
+        findings(problem, name, runs)[0],
+    )
+    assert said is not None
+    # one printed decimal, and two measurements to 1 % a factor of two apart
+    assert [float(x) for x in said.groups()] == pytest.approx(powers, abs=0.05 + 0.03)
+    # too much disorder given: less explains them
+    rougher = Problem(1, STANDARD, 0.2)
+    (model,) = explanations(rougher, name, explain(rougher, name, still))
+    assert model.name == "--jitter 0"
+
+
 def test_what_no_disorder_explains_is_said_to_be():
     problem = Problem(1, CSPH, 0.05)
     rows = [(0.05, 0.1, 0.5), (0.005, 0.01, 0.5), (0.0005, 0.001, 0.5)]
     said = findings(problem, "wendland-c4", explain(problem, "wendland-c4", rows))[0]
     assert "no disorder explains that: look for an error that is not the estimate's" in said
+    # with the powers as evidence, and no advice from a model that is not that of the runs
+    assert said.endswith("go as Δx^0; at this Δx/h smoothing goes as Δx^2, discretisation as Δx^0,"
+                         " disorder as Δx^1.")  # fmt: skip
+    assert len(findings(problem, "wendland-c4", explain(problem, "wendland-c4", rows))) == 1
 
 
 @pytest.mark.parametrize(
@@ -302,3 +429,26 @@ def test_the_command(capsys, tmp_path):
     assert "got --particles-per-wavelength and --table" in error
     code, text, _ = run(capsys, *common, "--dim", "1", "--particles", "1e6")
     assert "No more neighbours than 200 are looked at" in text
+
+
+def test_the_deeper_of_two_valleys_is_found_between_the_points_of_the_grid():
+    """On the grid the valley at 2 seems deepest; the other one is, half-way between 7 and 8. A
+    third, shallower on the grid than both, is not looked at."""
+
+    def function(x):
+        return min((x - 2.0) ** 2 + 1.0, 3.0 * abs(x - 7.5), 0.5 + 9.0 * abs(x - 4.75))
+
+    grid = [float(x) for x in range(11)]
+    values = [function(x) for x in grid]
+    assert min(values) == function(2.0) == 1.0
+    assert function(7.0) == function(8.0) == 1.5
+    assert _minimum(function, grid) == 7.5
+    mirrored = _minimum(lambda x: function(10.0 - x), grid)
+    assert mirrored == 2.5
+
+
+def test_a_minimum_at_either_end_of_the_grid_is_found():
+    grid = [0.5 * n for n in range(9)]
+    assert _minimum(lambda x: x, grid) == 0.0
+    assert _minimum(lambda x: -x, grid) == 4.0
+    assert _minimum(lambda x: (x - 1.3) ** 2, grid) == pytest.approx(1.3, abs=0.5 / 2**5)

@@ -49,12 +49,13 @@ LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better 
 class Prediction:
     """Predicted moments of an estimate over the targets of a disordered scene.
 
-    jitter: σ/Δx; distribution: of the displacements; mean, std: multi-index -> float
+    jitter: σ/Δx; distribution: of the displacements; None where it is not a lattice that they are
+        of; mean, std: multi-index -> float
     how: the level of theory behind them, in a few words
     """
 
-    jitter: float
-    distribution: str
+    jitter: float | None
+    distribution: str | None
     mean: Mapping[MultiIndex, float]
     std: Mapping[MultiIndex, float]
     how: str
