@@ -1,5 +1,5 @@
-"""γ: exact beside planes; at corners, spheres and cylinders against integration in other coordinates,
-against symmetry, and in the limit of a plane."""
+"""γ: exact beside planes; at corners, spheres and cylinders against integration in other
+coordinates, against symmetry, and in the limit of a plane."""
 
 from __future__ import annotations
 
