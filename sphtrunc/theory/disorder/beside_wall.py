@@ -17,7 +17,7 @@ from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.disorder.prediction import SECOND_ORDER, Prediction
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, mixing, second_order
-from sphtrunc.theory.walls import wall_lattice_moments
+from sphtrunc.theory.walls.moments import wall_lattice_moments
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel

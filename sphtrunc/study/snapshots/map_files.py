@@ -13,7 +13,7 @@ from sphtrunc.output import write_atomically
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
-    from sphtrunc.study.error_map import ErrorMap
+    from sphtrunc.study.snapshots.error_map import ErrorMap
 
 SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
 
