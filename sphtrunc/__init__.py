@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.parse import kernel as kernel
     from sphtrunc.operators.moments import Moments as Moments
     from sphtrunc.operators.operator import Operator as Operator
+    from sphtrunc.scenes.boxes import box as box
     from sphtrunc.scenes.graded import graded as graded
     from sphtrunc.scenes.jittered import jittered as jittered
+    from sphtrunc.scenes.lattice import beside_wall as beside_wall
     from sphtrunc.scenes.lattice import lattice as lattice
     from sphtrunc.scenes.particles import particles as particles
     from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
+    from sphtrunc.theory.remedies import remedies as remedies
 
 # name: module; imported on first use, so that `import sphtrunc` costs nothing
 _PUBLIC = {
@@ -42,6 +45,8 @@ _PUBLIC = {
     "Measurement": "experiment.measurement",
     "Moments": "operators.moments",
     "Operator": "operators.operator",
+    "beside_wall": "scenes.lattice",
+    "box": "scenes.boxes",
     "compare": "study.comparison",
     "derive": "theory.deriving",
     "error_map": "study.error_map",
@@ -55,6 +60,7 @@ _PUBLIC = {
     "particles": "scenes.particles",
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
+    "remedies": "theory.remedies",
     "sinusoid": "experiment.fields",
     "structure_factor": "study.structure",
     "snapshot": "scenes.snapshots.formats",

@@ -41,7 +41,12 @@ from sphtrunc.output import emit
 @options.snapshot
 @click.option("--allow-duplicates", is_flag=True, help="Take particles that coincide.")
 @click.option("--picture", metavar="FILE", help="Draw it: .png, .svg or .pdf.")
-@click.option("-o", "--output", metavar="FILE", help="All of it: .npz, .csv, .hdf5, .vtp; .json: the summary.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="All of it: .npz, .csv, .hdf5, .vtp; .json: the summary.",
+)
 @options.formats("text", "json")
 def command(**given: Any) -> None:
     """Map the truncation error over the particles of a file: the moments of every sum at every one.

@@ -57,10 +57,10 @@ class Wave(NamedTuple):
 @click.option("--remedy", metavar="NAME", help=f"{', '.join(REMEDIES)}, in place of a form.")
 @click.option(
     "--volume",
-    type=click.Choice(("summation", "constant")),
+    type=click.Choice(("summation", "constant", "corrected")),
     default="summation",
     show_default=True,
-    help="Density at rest: the sum Σ m W, or m/Δx^d that is integrated from there.",
+    help="Density: the sum Σ m W; or m/Δx^d, integrated by its rate, or by that of a csph form.",
 )
 @click.option(
     "--k",

@@ -103,7 +103,7 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         "form": operator.form,
         "correction": operator.correction,
         "jitter": problem.sigma,
-        "disorder": None if problem.disorder is None else problem.disorder.by,
+        **({} if problem.disorder is None else {"disorder": problem.disorder.by}),
         "path": {
             "h": str(exact.p),
             "error": str(exact.order),
@@ -278,7 +278,7 @@ def _text(document: dict[str, Any]) -> str:
             f"No more neighbours than {document['most_neighbours']} are looked at: with the same"
             " particles and still more the error may fall further."
         )
-    if document["jitter"] or document["disorder"]:
+    if document["jitter"] or "disorder" in document:
         path = {name: Fraction(text) for name, text in document["path"].items()}
         found.append(
             f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
@@ -302,7 +302,7 @@ def _text(document: dict[str, Any]) -> str:
 
 
 def _kind(document: dict[str, Any]) -> str:
-    if document["disorder"]:
+    if "disorder" in document:
         return f"in disorder ({document['disorder']})"
     sigma = document["jitter"]
     return f"displaced by σ/Δx = {sigma:g}" if sigma else "on a lattice"

@@ -53,7 +53,7 @@ def command(
 
     shape = parse_kernel(kernel)
     found = remedies(
-        shape,  # type: ignore[arg-type]
+        shape,
         dim,
         None if eta is None else [part.strip() for part in eta.split(",")],
         None if remedy is None else [part.strip() for part in remedy.split(",")],
@@ -173,7 +173,7 @@ def _cell(rows: Sequence[Row]) -> str:
         return ""
     if rows[0].order_h is None:
         return "exact"
-    terms = []
+    terms: list[str] = []
     for row in rows:
         value = float(row.coefficient)
         sign = "−" if value < 0 else "+" if terms else ""

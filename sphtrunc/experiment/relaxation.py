@@ -107,8 +107,10 @@ def glass(recipe: Recipe) -> Relaxation:
 
 
 def with_h(scene: Particles, h: float) -> Particles:
-    """The same particles with another smoothing length."""
-    return replace(scene, h=np.full(scene.population, h), _trees={})
+    """The same particles with another smoothing length; what is known of given volumes is kept."""
+    name = "structure factor"
+    kept = {name: scene._trees[name]} if scene.given is not None and name in scene._trees else {}
+    return replace(scene, h=np.full(scene.population, h), _trees=kept)
 
 
 def _sum(x: Array) -> float:

@@ -36,65 +36,66 @@ SHAKEN = 0.1  # σ/Δx of the displaced lattices
 SHIFT = ("wendland-c2", 1.5)  # kernel and h/Δx of the shifted glass
 
 
-def displaced_squares(side: int, distribution: str) -> Any:
-    """Particles of a square lattice displaced by σ/Δx = 0.1, spacing 1, in a periodic box."""
-    rng = np.random.default_rng(SEED)
+def scattered(side: int, kind: str, seed: int = SEED) -> Any:
+    """Particles in 2D in a periodic box, spacing 1: independent, or a square lattice displaced by
+    σ/Δx = 0.1, "gaussian" or "blue"."""
+    rng = np.random.default_rng([seed, len(kind)])  # a sample of its own for each
+    if kind == "independent":
+        return particles(rng.random((side**2, 2)) * side, h=1.0, volume=1.0, period=float(side))
     points = np.stack([a.ravel() for a in np.meshgrid(*[np.arange(side)] * 2, indexing="ij")])
     u = rng.normal(size=(2, side, side))
-    if distribution == "blue":
+    if kind == "blue":
         around = sum(np.roll(u, s, axis) for s in (1, -1) for axis in (1, 2))
         u = (u - np.asarray(around) / 4) / sqrt(1.25)
     x = points + SHAKEN * u.reshape(2, -1)
     return particles(x.T, h=1.0, volume=1.0, period=float(side))
 
 
-def kinds(quick: bool) -> list[tuple[str, Any, StructureFactor | None]]:
-    """(label, particles in 2D, S in closed form) of every kind."""
-    side = 32 if quick else 64
-    x = np.random.default_rng(SEED).random((side**2, 2)) * side
-    scattered = particles(x, h=1.0, volume=1.0, period=float(side))
-    repelled = Recipe(count=side**2, seed=SEED, steps=100 if quick else 300)
-    shifted = Recipe(
-        count=side**2, kernel=SHIFT[0], h_over_dx=SHIFT[1], seed=SEED, steps=100 if quick else 300
-    )
+#: label, kind and S in closed form of what is made at random
+RANDOM: list[tuple[str, str, StructureFactor]] = [
+    ("independent", "independent", poisson(2)),
+    (r"displaced, $\sigma = 0.1\,\Delta x$", "gaussian", displaced("square", SHAKEN)),
+    ("displaced, blue noise", "blue", displaced("square", SHAKEN, "blue")),
+]
+
+
+def glasses(quick: bool) -> list[tuple[str, Any]]:
+    """Label and particles of the two sorts of glass."""
+    count, steps = (32**2, 100) if quick else (64**2, 300)
+    repelled = Recipe(count=count, seed=SEED, steps=steps)
+    shifted = replace(repelled, kernel=SHIFT[0], h_over_dx=SHIFT[1])
     return [
-        ("independent", scattered, poisson(2)),
-        (
-            r"displaced, $\sigma = 0.1\,\Delta x$",
-            displaced_squares(side, "gaussian"),
-            displaced("square", SHAKEN),
-        ),
-        (
-            "displaced, blue noise",
-            displaced_squares(side, "blue"),
-            displaced("square", SHAKEN, "blue"),
-        ),
-        ("glass, pair repulsion", glass(repelled).particles, None),
-        (r"glass, SPH shifting", glass(shifted).particles, None),
+        ("glass, pair repulsion", glass(repelled).particles),
+        (r"glass, SPH shifting", glass(shifted).particles),
     ]
 
 
 def structure(kernel: str | None, quick: bool) -> Picture:
-    """S(k) of each kind in 2D, measured in one box, with closed forms and fitted plateaus."""
+    """S(k) of each kind in 2D: in closed form and the mean over boxes, and of one box of each glass
+    with its plateau."""
     curves: list[Curve] = []
-    for label, scene, law in kinds(quick):
-        factor = structure_factor(scene)
-        if law is None:
-            fit = factor.fit()
-            label = f"{label}, $S_0$ = {fit.plateau:.1e}"
-            k, S, error = factor.radial(24)
-            curves.append(measured(label, k, S, low=S - 1.96 * error, high=S + 1.96 * error))
-            ends = np.array([k[0], fit.upto])
-            curves.append(reference("", ends, fit.plateau + 0 * ends))
-            continue
-        seen = off_peaks(factor)
-        assert seen.k is not None
-        k, S, _ = seen.radial(24)
-        _, theory, error = replace(seen, S=law(seen.k)).radial(24)
-        shown = k < 5.5
-        k, S, theory, error = k[shown], S[shown], theory[shown], 1.96 * error[shown]
+    side, boxes = (32, 16) if quick else (64, 16)
+    for label, kind, law in RANDOM:
+        found = [
+            off_peaks(structure_factor(scattered(side, kind, SEED + i), reach=5.5))
+            for i in range(boxes)
+        ]
+        assert found[0].k is not None
+        mean = replace(found[0], S=np.stack([np.asarray(one.S) for one in found]).mean(axis=0))
+        k, S, _ = mean.radial(24)
+        # where S is known itself, Σ S² is not halved
+        _, theory, error = replace(mean, S=law(found[0].k)).radial(24)
+        error = 1.96 * error * sqrt(2 / boxes)
         curves.append(predicted(label, k, theory))
         curves.append(measured(label, k, S, low=S - error, high=S + error, predicted=theory))
+    for label, scene in glasses(quick):
+        factor = structure_factor(scene)
+        fit = factor.fit()
+        k, S, error = factor.radial(24)
+        label = f"{label}, $S_0$ = {fit.plateau:.1e}"
+        curves.append(measured(label, k, S, low=S - 1.96 * error, high=S + 1.96 * error))
+        ends = np.array([k[0], fit.upto])
+        curves.append(reference("", ends, fit.plateau + 0 * ends))
     panel = Panel(r"$k\,\Delta x$", "structure factor $S(k)$", tuple(curves), legend="lower right")
     return Picture("structure", "Structure factors of five kinds of disorder, 2D", (panel,))
 
@@ -128,13 +129,15 @@ def disorder_kinds(kernel: str | None, quick: bool) -> Picture:
     support = float(shape.support)
     side = 32 if quick else 64
     most = min(4.5, 0.45 * side / support)
-    fine = np.geomspace(1.1, most, 12 if quick else 30)
+    fine = np.geomspace(1.1, most, 12 if quick else 20)
     coarse = np.geomspace(1.1, most, 4 if quick else 8)
-    count = 2000 if quick else 10000
+    count = 2000 if quick else 6000
     curves: list[Curve] = []
-    for label, scene, _ in kinds(quick):
+    scenes = [(label, scattered(side, kind)) for label, kind, _ in RANDOM] + glasses(quick)
+    for label, scene in scenes:
         line = sorted({*fine.tolist(), *coarse.tolist()})
         neighbours = {h: float(BALL[2]) * (support * h) ** 2 for h in line}
+        predict_by_structure(scene, shape, GRADIENT, 0)  # S is measured once, whatever h
         theory = [
             predict_by_structure(probes(with_h(scene, h), 8), shape, GRADIENT, 0).std[0, 0]
             for h in line

@@ -207,7 +207,11 @@ class Derivation:
                 "distribution": self.scatter.distribution,
                 "how": self.scatter.how,
             }
-        return {**more, "moments": {label(a): {"mean": mean[a], "std": std[a]} for a in mean}}
+        rows = {label(a): {"mean": mean[a], "std": std[a]} for a in mean}
+        if self.scatter is not None:
+            for alpha, x in self.scatter.uncertainty.items():
+                rows[label(alpha)]["uncertainty"] = x
+        return {**more, "moments": rows}
 
     def to_json(self) -> str:
         """`to_dict` as JSON text."""

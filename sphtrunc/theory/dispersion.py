@@ -112,6 +112,11 @@ def require(
             f"volume: got {volume} for the form {force.name}, whose h follows the summed density;"
             " expected summation"
         )
+    if volume == "corrected" and force.gradient != CORRECTED:
+        raise ValueError(
+            "volume: corrected is a density by the corrected divergence, which the form"
+            f" {force.name} does not have; expected a csph form"
+        )
     if force.gradient == STAGGERED and kind != "uniform":
         raise ValueError(
             f"form: {force.name} has stress points midway between neighbours on a line; on the"
@@ -135,12 +140,14 @@ def dynamical(
     pressure: Any,
     stress: ArtificialStress | None = None,
     spacing: Any = None,
+    corrected: bool = False,
 ) -> Any:
     """D(k) in units of c²/h², (…, nd, nd), in the numbers of `waves`.
 
     pressure: p = P₀/(ρc²), in the same numbers; stress: artificial stress, which acts for p < 0;
     spacing: the kernel at the spacing Δp of the artificial stress, in the numbers of `waves`, which
-    for stress points are those of the points midway.
+    for stress points are those of the points midway; corrected: whether the density moves by the
+    corrected divergence, δρ = iVS·ξ/M₁.
     """
     d = waves.dim
     rest = respond(force, pressure)
@@ -158,6 +165,8 @@ def dynamical(
         return _grad_h(waves, rest, out, into)
     if force.gradient == CORRECTED:
         first = -waves.total(waves.f1 * waves.squares) / d  # M₁ of the correction, C = 1/M₁
+        if corrected:
+            into = into / first
         matrix = rest.slope / first * (out @ into)
         if rest.pull != 0:
             matrix = matrix + rest.pull / first * waves.tensor(waves.hessian)

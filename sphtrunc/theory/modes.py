@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LONGITUDINAL, TRANSVERSE = "longitudinal", "transverse"
-VOLUMES = ("summation", "constant")
+VOLUMES = ("summation", "constant", "corrected")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class Rest:
     force: a form of `operators.forces`; pressure: p = P₀/(ρc²)
     stress: artificial stress, which acts for p < 0; not at p = 0, where its force has a kink
     volume: "summation", ρ = Σ m W; "constant", ρ = m/Δx^d, as a density that is integrated from
-        there keeps it (and as stress points have it)
+        there keeps it (and as stress points have it); "corrected", integrated by the corrected
+        divergence of a csph form
 
     Raises ValueError for Δx/h <= 0, an unknown volume, and a lattice on which the form has no
     formula; what is asked of it does so where no neighbour is inside the support.
@@ -94,7 +95,8 @@ class Rest:
     def matrix(self, waves: LatticeWaves, pressure: Any) -> Any:
         """D(k) at a pressure in the numbers of `waves`."""
         if self.stress is None:
-            return dynamical(self.force, waves, pressure)
+            moved = self.volume == "corrected"
+            return dynamical(self.force, waves, pressure, corrected=moved)
         epsilon = Fraction(self.stress.epsilon)
         number = _number if waves.exact else float if waves.offsets.dtype != object else _wide
         stress = replace(self.stress, epsilon=number(epsilon))

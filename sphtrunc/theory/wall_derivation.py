@@ -101,8 +101,7 @@ def beside(
 
     Raises ValueError for a bad argument.
     """
-    kernel, operator = interior.kernel, interior.operator
-    require(kernel, operator)
+    require(interior.kernel, interior.operator)
     if wall == "eta":
         if dx_over_h is not None or at is not None or weight is not None:
             raise ValueError(
@@ -133,9 +132,8 @@ def _placed(
     shift: tuple[Rational, ...],
     lattice: str,
 ) -> Derivation:
-    kernel, operator, dim, degree = (
-        interior.kernel, interior.operator, interior.dim, interior.degree
-    )  # fmt: skip
+    operator, dim, degree = interior.operator, interior.dim, interior.degree
+    kernel = require(interior.kernel, operator)
     eta = Rational(wall.eta.numerator, wall.eta.denominator)
     needed = operator.needed(dim, degree)
     linear = dim == 1 and not in_layers(operator, wall.ghosts) and wall.ghosts == "none"
@@ -195,9 +193,8 @@ def _orders(
 
 
 def _open(interior: Derivation, wall: Wall) -> Derivation:
-    kernel, operator, dim, degree = (
-        interior.kernel, interior.operator, interior.dim, interior.degree
-    )  # fmt: skip
+    operator, dim, degree = interior.operator, interior.dim, interior.degree
+    kernel = require(interior.kernel, operator)
     if in_layers(operator, wall.ghosts):
         raise ValueError(
             "wall: the moments of dummies and of the nested form are integrals of ratios, with no"

@@ -104,7 +104,10 @@ def cases(draw: st.DrawFn, kinds: tuple[str, ...]) -> tuple[Rest, tuple[int, ...
     if p and form.startswith("symmetric") and draw(st.booleans()):
         epsilon = draw(st.fractions(0, F(1, 2), max_denominator=9))
         stress = ArtificialStress(epsilon, draw(st.integers(1, 6)))
-    volume = "summation" if form == "grad-h" else draw(st.sampled_from(["summation", "constant"]))
+    volumes = ["summation"] if form == "grad-h" else ["summation", "constant"]
+    if form.startswith("csph"):
+        volumes.append("corrected")
+    volume = draw(st.sampled_from(volumes))
     turns = tuple(draw(st.integers(0, 7)) for _ in range(KINDS[kind].dim))
     ratio = support / reach
     try:
@@ -594,13 +597,13 @@ def test_sums_by_the_reciprocal_lattice(name: str, reach: float, within: float) 
     G = G[(G**2).sum(axis=1) < (reach / a) ** 2]
     k = 2 * pi / a * np.array([0.3, 0.2, 0.1])
 
-    def F3(x: np.ndarray) -> np.ndarray:
+    def at(x: np.ndarray) -> np.ndarray:
         return np.asarray(transform(shape, np.sqrt((x**2).sum(axis=1)), 3))
 
     moved = k + G
-    s = -(F3(moved)[:, None] * moved).sum(axis=0)
-    t = np.einsum("g,gi,gj->ij", F3(moved), moved, moved)
-    t -= np.einsum("g,gi,gj->ij", F3(G), G, G)
+    s = -(at(moved)[:, None] * moved).sum(axis=0)
+    t = np.einsum("g,gi,gj->ij", at(moved), moved, moved)
+    t -= np.einsum("g,gi,gj->ij", at(G), G, G)
     waves_ = Scan("fcc", [[0.3, 0.2, 0.1]], 5).at(shape, ratio, "constant")
     out, _ = waves_.vector(waves_.gradient)
     seen_t = waves_.tensor(waves_.hessian)[0]

@@ -227,14 +227,16 @@ def test_waves_that_particles_cannot_tell_apart_have_the_same_frequencies(
     assert np.abs(seen.omega2[2] - seen.omega2[0]).max() <= 2 * seen.rounding
 
 
-def test_in_1d_csph_divides_by_the_moment_once() -> None:
-    """D = S²/M₁ with M₁ = −V Σ s Ŵ′, in fractions."""
+def test_in_1d_csph_divides_by_the_moment_once_or_twice() -> None:
+    """D = S²/M₁ with M₁ = −V Σ s Ŵ′, in fractions; S²/M₁² with the corrected divergence."""
     wave, order = exact_wave(CUBIC, "uniform", F(5, 6), (F(1, 3),), "summation")
     plain = reduced(dynamical(force("difference"), wave, QQ(0))[0, 0], order)
     csph = reduced(dynamical(force("csph"), wave, QQ(0))[0, 0], order)
     first = -wave.total(wave.f1 * wave.squares)
     assert csph * first == plain
     assert first != 1
+    moved = dynamical(force("csph"), wave, QQ(0), corrected=True)[0, 0]
+    assert reduced(moved, order) * first**2 == plain
 
 
 # -- the tensile instability ---------------------------------------------------------------------
@@ -482,7 +484,8 @@ def test_growth_of_complex_frequencies() -> None:
         ({"kind": "hcp", "form": "csph", "ratio": "4/5"}, "form: csph has no formula on hcp"),
         ({"kind": "square", "form": "stress-points"}, "expected --dim 1"),
         ({"form": "grad-h", "volume": "constant"}, "whose h follows the summed density"),
-        ({"volume": "cell"}, "volume: got 'cell', expected one of summation, constant"),
+        ({"volume": "cell"}, "volume: got 'cell', expected one of summation, constant, corrected"),
+        ({"volume": "corrected"}, "does not have; expected a csph form"),
         (
             {"form": "grad-h", "stress": ArtificialStress(1)},
             "artificial stress belongs to the form symmetric",

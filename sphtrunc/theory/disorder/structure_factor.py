@@ -176,8 +176,8 @@ class StructureFactor:
         return np.sqrt((self.k**2).sum(axis=0)), self.S
 
     def radial(self, bins: int = 60) -> tuple[Array, Array, Array]:
-        """(kΔx, S, error): means over shells, and one standard error, S/√modes, as each mode of a
-        disordered arrangement is exponentially distributed about S.
+        """(kΔx, S, error): means over n modes of a shell, and a standard error, √(Σ|ρ|⁴/2N²)/n, as
+        each |ρ|²/N of a disordered arrangement is exponentially distributed about its S.
 
         Shells widen in proportion to k as far as that leaves at least eight modes in each.
         """
@@ -192,7 +192,7 @@ class StructureFactor:
         if starts[-1] != length.size:
             starts = [*(starts[:-1] or [0]), length.size]
         rows = [
-            (length[a:b].mean(), S[a:b].mean(), S[a:b].mean() / sqrt(b - a))
+            (length[a:b].mean(), S[a:b].mean(), sqrt(0.5 * (S[a:b] ** 2).sum()) / (b - a))
             for a, b in pairwise(starts)
         ]
         k, mean, error = (np.array(column) for column in zip(*rows, strict=True))
