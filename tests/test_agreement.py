@@ -394,8 +394,8 @@ def test_what_there_is_no_theory_for_is_said() -> None:
     from sphtrunc.scenes.graded import graded
 
     scene = graded(lambda x: 0.3 + 0.0 * x)
-    with pytest.raises(ValueError, match="no theory for graded"):
-        compare(scene, "cubic-spline")
+    with pytest.raises(ValueError, match="for graded particles there is theory for polynomials"):
+        compare(scene, "gaussian")
     with pytest.raises(ValueError, match="no prediction for bump"):
         predict_error("cubic-spline", PLAIN[2], lattice(1), Bump(2.0, 1))  # type: ignore[arg-type]
 

@@ -19,6 +19,7 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
@@ -33,6 +34,8 @@ from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
+from sphtrunc.theory.graded_spacing import graded_moments
+from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
@@ -55,7 +58,7 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
             " moments alone"
         )
     raise ValueError(
-        "scene: there is no theory for graded particles; expected a lattice, with or without"
+        "scene: there is no such theory for graded particles; expected a lattice, with or without"
         " jitter, or explicit particles in a periodic box"
     )
 
@@ -86,6 +89,12 @@ def predict_moments(
         return predict_by_structure(scene, kernel, operator, degree)
     if isinstance(scene, Sloped):
         return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
+    if isinstance(scene, Graded):
+        rows = _graded(scene, parse_kernel(kernel), operator, degree)
+        mean = {a: float(np.mean([row[a] for row in rows])) for a in rows[0]}
+        exact = operator.consistency  # up to this degree every row is the same but for rounding
+        std = {a: float(np.std([row[a] for row in rows])) * (a[0] > exact) for a in rows[0]}
+        return Prediction(0.0, "gaussian", mean, std, "local spacing, to first order in its slope")
     lattice, sigma, distribution = rule(scene)
     return predict(
         parse_kernel(kernel),
@@ -98,6 +107,58 @@ def predict_moments(
         volume=lattice.volume,
         degree=degree,
     )
+
+
+def _graded(
+    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> list[dict[MultiIndex, float]]:
+    """The predicted moments at every target of a graded scene."""
+    if not isinstance(kernel, Kernel):
+        raise ValueError(
+            f"scene: for graded particles there is theory for polynomials, {kernel.name} is none"
+        )
+    return [
+        graded_moments(kernel, operator, scene.spacing, at, scene.offset, degree)
+        for at in scene.positions
+    ]
+
+
+_WAVE = 12  # moments that a wave is expanded in
+
+
+def _graded_error(
+    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
+) -> Split:
+    """The rms error over targets, and over the phase of a sinusoid, from the moments."""
+    wave = isinstance(field, Sinusoid)
+    k = operator.derivatives
+    if isinstance(field, Sinusoid):
+        kappa = complex(0.0, float(field.wave()[0]))
+        taylor: dict[MultiIndex, complex] = {
+            (n,): kappa**n / factorial(n) for n in range(_WAVE + 1)
+        }
+        largest = abs(kappa) ** k
+    else:
+        taylor = {alpha: complex(c) for alpha, c in field.coefficients.items()}
+        largest = field.amplitude(k)
+    degree = max(max(alpha) for alpha in taylor)
+    rows = _graded(scene, kernel, operator, degree)
+    target = operator.target(1)
+    sums = {key: continuous_sum(parse_kernel(kernel), key) for key in operator.needed(1, degree)}
+    limit = operator.correct(sums, 1, degree)
+
+    def error(moments: Mapping[MultiIndex, Any]) -> complex:
+        terms = (c * (float(moments[a]) - target.get(a, 0)) for a, c in taylor.items())
+        return sum(terms, 0j) / (largest or 1.0)
+
+    smooth = error(limit)
+    found = np.array([error(row) for row in rows])
+    share = sqrt(0.5) if wave else 1.0
+
+    def rms(values: Any) -> float:
+        return share * float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+    return Split(rms(found), rms(smooth), rms(found - smooth), 0.0, 0.0)
 
 
 def _predict_sloped(
@@ -221,6 +282,8 @@ def predict_error(
                 " polynomial or a mapping from multi-indices to derivatives"
             )
         signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
+    if isinstance(scene, Graded):
+        return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
     lattice, sigma, distribution = rule(scene)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sphtrunc import derive, kernel
+from sphtrunc.experiment.fields import polynomial
 from sphtrunc.experiment.measuring import measure
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.graded import graded
@@ -16,7 +17,7 @@ from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.particles import particles
 from sphtrunc.scenes.smoothing_lengths import linear, sloped
-from sphtrunc.study.comparison import compare, predict_error
+from sphtrunc.study.comparison import compare, predict_error, predict_moments
 from sphtrunc.study.conservation.atmosphere import atmosphere_errors
 from sphtrunc.theory.variable_h.atmosphere import acceleration_errors
 
@@ -99,6 +100,25 @@ def test_graded_scenes_carry_h_too() -> None:
         errors.append([abs(float(found.moments[k][0]) - float(limit[k])) for k in (1, 2)])
     for coarse, fine in zip(*errors, strict=True):
         assert 1.3 < np.log2(coarse / fine) < 2.4
+
+
+@pytest.mark.parametrize("operator", [Operator("value"), Operator("gradient")], ids=str)
+def test_graded_spacing_is_predicted(operator: Operator) -> None:
+    """Spacing that changes slowly: what theory leaves out is a small part of what it predicts."""
+    x = np.linspace(-3.0, 3.0, 40)
+    scene = graded(lambda s: 0.4 * (1.0 + 0.02 * s), x)
+    found = measure(scene, "cubic-spline", operator, moments=2)
+    derived = predict_moments(scene, "cubic-spline", operator, 2)
+    limit = derive("cubic-spline", operator, degree=2).limit
+    for k in range(3):
+        seen = float(np.std(found.moments[k]))
+        assert seen == pytest.approx(derived.std[k,], rel=0.05)
+        effect = abs(float(limit[k]) - derived.mean[k,]) + derived.std[k,]
+        assert abs(float(np.mean(found.moments[k])) - derived.mean[k,]) < 0.05 * effect
+    split = predict_error("cubic-spline", operator, scene, {(1,): 1.0, (2,): 0.3})
+    field = polynomial({(1,): 1.0, (2,): 0.15}, 1)
+    rms = measure(scene, "cubic-spline", operator, field).error["rms"]
+    assert rms == pytest.approx(split.total, rel=0.05)
 
 
 def test_explicit_particles_with_linear_h_are_the_scene() -> None:

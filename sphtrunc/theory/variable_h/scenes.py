@@ -94,10 +94,10 @@ def _displaced(
     for key in keys:
 
         def g(at: Array, key: Key = key) -> Array:
-            plain = _term(kernel, key, at, slopes)
+            plain = term_values(kernel, key, at, slopes)
             if rule != "mean-kernel":
                 return plain
-            return np.asarray(0.5 * (plain + _term(kernel, key, at, 0.0 * slopes)))
+            return np.asarray(0.5 * (plain + term_values(kernel, key, at, 0.0 * slopes)))
 
         here, slope, curved = g(s), np.empty_like(s), np.zeros(len(s))
         for axis in range(dim):
@@ -125,7 +125,7 @@ def _displaced(
     )
 
 
-def _term(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
+def term_values(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
     """H^{−d−k} s^α (−1)^k ∂^δŴ(s/H), (N,), 0 where H <= 0."""
     import numpy as np
 
