@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, product
 
 from hypothesis import strategies as st
 from oracle import Shape, added, integral, multiplied
 
 from sphtrunc import Kernel
+from sphtrunc.operators import operator as tables
 from sphtrunc.operators.operator import Operator
 
 #: operators of every sort on scalar fields
@@ -29,6 +31,18 @@ OPERATORS = [
     Operator("hessian", "difference"),
     Operator("laplacian", "nested"),
 ]
+
+
+def operators(dim: int) -> list[Operator]:
+    """Every operator that there is in this dimension: all that is not refused."""
+    found = []
+    for name, (_, forms) in tables.OPERATORS.items():
+        for form, correction in product(forms, tables.CORRECTIONS):
+            with suppress(ValueError):
+                operator = Operator(name, form, correction)
+                operator.components(dim)
+                found.append(operator)
+    return found
 
 
 def rationals(low: int = -4, high: int = 4, denominator: int = 12) -> st.SearchStrategy[Fraction]:

@@ -160,7 +160,9 @@ def expected_constant(match: Match, dim: int) -> str:
         return f"{right} (times {match.scale:.12g}^{dim})" if match.scale != 1 else f"{right}"
     support = exact_or_float(match.support)
     if isinstance(support, Expr):
-        return f"{right * (shape.support / support) ** dim}"
+        # on a support of 1h a shape of one piece is written with w(0) = 1
+        top = shape.pieces[0].eval(0) if support == 1 and len(shape.pieces) == 1 else 1
+        return f"{right * (shape.support / support) ** dim * (top or 1)}"
     return f"{right * shape.support**dim}/{match.support:.9g}^{dim}"
 
 

@@ -181,7 +181,7 @@ def _of_kernel(name: str, kernel: Any) -> Iterator[Known]:
         if endless:
             del ratios["support"]
         if half:
-            ratios |= {"fwhm": _simple(2 * half), "hwhm": _simple(half)}
+            ratios |= {"fwhm": 2 * _simple(half), "hwhm": _simple(half)}
         for length, ratio in ratios.items():
             of_ratio = exact(ratio) if isinstance(ratio, Expr) else None
             bits = kernel_bits(name, dim) + LENGTHS[length][1]
@@ -200,9 +200,10 @@ def _of_kernel(name: str, kernel: Any) -> Iterator[Known]:
 
 def _simple(half: Any) -> Any:
     """A half width as a rational, or the root of one, where the denominator is small."""
-    square = half**2
-    near = Fraction(float(square)).limit_denominator(64)
-    same = abs(square - mpmath.mpf(near.numerator) / near.denominator) < 1e-40
+    with mpmath.workdps(DIGITS):
+        square = half**2
+        near = Fraction(float(square)).limit_denominator(64)
+        same = abs(square - mpmath.mpf(near.numerator) / near.denominator) < 1e-40
     return sqrt(Rational(near.numerator, near.denominator)) if same else half
 
 

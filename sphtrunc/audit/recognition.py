@@ -402,6 +402,8 @@ def _reconstructed(samples: Samples, dim: int, unit: float) -> Match | None:
     recovered = reconstruct(samples.q, samples.w, unit, support)
     if recovered is None:
         return None
+    if recovered[0]._radial(recovered[0].pieces, dim - 1) == 0:
+        return None  # it cannot be normalised, and is judged by its values alone
     found = compare(recovered[0], samples, recovered[1], 2 * DOUBLE, dim, unit)
     return _in_own_units(found) if found is not None else None
 
@@ -436,7 +438,9 @@ def _analytic(samples: Samples, dim: int, unit: float) -> Match | None:
             if scale**2 and abs(nice(-width, 1e-9) - (-width)) < 1e-9 * -width:
                 scale = math.sqrt(nice(-width, 1e-9))
         model = shape.shape(q * scale)
-        amplitude = float(np.median((y / model)[: max(4, len(q) // 3)]))
+        if not np.all(model[: max(4, len(q) // 3)] > TINY[SINGLE]):
+            continue  # a Gaussian so narrow is none
+        amplitude = float(np.median((y / np.maximum(model, TINY[SINGLE]))[: max(4, len(q) // 3)]))
         argument = (q * scale) ** 2 if shape.name == "gaussian" else np.full_like(q, 8.0)
         spare = 1e-12 if shape.name == "gaussian" and scale not in (1.0,) else 0.0
         noise = (

@@ -6,7 +6,9 @@ The alternatives are tried in that order of what they assume; each is exact, not
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import trunc
+from typing import Any
 
 from sympy import QQ, Poly, Rational
 
@@ -41,11 +43,15 @@ def explain_shape(match: Match) -> Fault | None:
     for kernel, _ in profiles():
         if normalised and kernel.smoothness <= match.shape.smoothness:
             continue
-        for differing in (_differences(match.shape, kernel), _factored(match.shape, kernel)):
+        for differing in (
+            _pieces_scaled(match.shape, kernel),
+            _differences(match.shape, kernel),
+            _factored(match.shape, kernel),
+        ):
             if differing and (not best or len(differing) < len(best)):
                 best, name = differing, kernel.name
     if best:
-        terms = "one term of it" if len(best) == 1 else f"{len(best)} terms of it"
+        terms = "one place of it" if len(best) == 1 else f"{len(best)} places of it"
         return Fault(
             faults.MISPRINT,
             f"not quite {name}: {'; '.join(best)}",
@@ -179,6 +185,24 @@ def _truncated_cofactor(found: Kernel, own: Kernel, written: Sequence[Poly]) -> 
                 return []
             told.append(f"{of} became {has}")
     return told
+
+
+def _pieces_scaled(found: Kernel, known: Kernel) -> list[str]:
+    """The pieces that are a multiple of what the first one asks for: a factor lost in them."""
+    own = known.scaled(found.support)
+    if found.knots != own.knots or len(found.pieces) < 2:
+        return []
+    scales: list[Any] = []
+    for piece, right in zip(found.pieces, own.pieces, strict=True):
+        scale = piece.LC() / right.LC()
+        if piece != right * scale:
+            return []
+        scales.append(scale / scales[0] if scales else scale)
+    return [
+        f"on {a}..{b} it is {scale} times what the first piece asks for"
+        for (a, b), scale in zip(pairwise(found.knots[1:]), scales[1:], strict=True)
+        if scale != 1
+    ]
 
 
 def _differences(found: Kernel, known: Kernel) -> list[str]:

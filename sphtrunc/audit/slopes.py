@@ -128,6 +128,9 @@ def _factor_of_derivative(
         for kappa, natural in _supports(match).items()
         for power in (-1, 1, -2, 2)
     ]
+    if isinstance(match.shape, Kernel) and (n := match.shape.boundary_smoothness + 1) > 1:
+        words = f"the factor {n} of the power rule is lost"
+        chain.append(Slip(faults.WRONG_DERIVATIVE, words, 1 / n, 1.3))
     fault = explain_factor(match, dim, factor, error, shown, more=chain)
     return Fault(
         fault.kind if fault.kind != faults.WRONG_CONSTANT else faults.WRONG_DERIVATIVE,

@@ -32,15 +32,16 @@ Column = tuple[Array, Array]  # values, and what their decimals leave open
 def from_table(path: str | Path, dim: int) -> Samples:
     """A table: CSV with a header, or NPZ, with columns q (or r and h), W and optionally dW, d2W.
 
-    Rows of several h are taken apart: those of the h with most rows are the kernel, the others show
-    how it depends on h. Decimals are taken to be rounded at their last digit. NPZ files are read
-    without pickle. Columns of other names are left alone, and a note says so.
+    dW is dW/dr, unless its column is called dW/dq. Rows of several h are taken apart: those of the
+    h with most rows are the kernel, the others show how it depends on h. Decimals are taken to be
+    rounded at their last digit. NPZ files are read without pickle. Columns of other names are left
+    alone, and a note says so.
 
     Raises ValueError, naming the file, where columns are missing, doubled, unsorted or too short.
     """
     file = Path(path)
     raw = _read_npz(file) if file.suffix.lower() == ".npz" else _read_csv(file)
-    columns, ignored = _meant(raw, file)
+    columns, ignored, by_q = _meant(raw, file)
     q, blur = _distances(columns, file)
     if len(q) < LEAST_POINTS:
         raise ValueError(f"table {file}: {len(q)} points, expected at least {LEAST_POINTS}")
@@ -50,7 +51,9 @@ def from_table(path: str | Path, dim: int) -> Samples:
         if not np.isfinite(values).all():
             raise ValueError(f"table {file}: column {name!r} holds NaN or infinity")
     h = columns["h"][0] if "h" in columns else np.ones_like(q)
-    groups = [_group(columns, q, blur, h == one, float(one), dim, file) for one in np.unique(h)]
+    groups = [
+        _group(columns, q, blur, h == one, float(one), dim, by_q, file) for one in np.unique(h)
+    ]
     if not any(np.any(group.w) for group in groups):
         raise ValueError(
             f"table {file}: W is zero everywhere; is a constant such as 2/3 an integer division"
@@ -93,10 +96,10 @@ def from_table(path: str | Path, dim: int) -> Samples:
     )
 
 
-def _meant(raw: dict[str, Column], file: Path) -> tuple[dict[str, Column], list[str]]:
-    """The columns by their meaning, and the names of those that have none."""
+def _meant(raw: dict[str, Column], file: Path) -> tuple[dict[str, Column], list[str], set[str]]:
+    """The columns by their meaning, the names of those that have none, the derivatives by q."""
     columns: dict[str, Column] = {}
-    ignored = []
+    ignored, by_q = [], set()
     for name, column in raw.items():
         meaning = _MEANING.get(name.replace(" ", ""))
         if meaning is None:
@@ -105,9 +108,10 @@ def _meant(raw: dict[str, Column], file: Path) -> tuple[dict[str, Column], list[
             raise ValueError(f"table {file}: two columns for {meaning}, expected one")
         else:
             columns[meaning] = column
+            by_q |= {meaning} if "dq" in name else set()
     if "w" not in columns:
         raise ValueError(f"table {file}: no column W among {sorted(raw)}")
-    return columns, ignored
+    return columns, ignored, by_q
 
 
 def _distances(columns: dict[str, Column], file: Path) -> Column:
@@ -124,7 +128,14 @@ def _distances(columns: dict[str, Column], file: Path) -> Column:
 
 
 def _group(
-    columns: dict[str, Column], q: Array, blur: Array, rows: Array, h: float, dim: int, file: Path
+    columns: dict[str, Column],
+    q: Array,
+    blur: Array,
+    rows: Array,
+    h: float,
+    dim: int,
+    by_q: set[str],
+    file: Path,
 ) -> Scaled:
     """The rows of one h: h^d W and so on, with the errors of their digits and of q's."""
     q, blur, numbers = q[rows], blur[rows], np.nonzero(rows)[0]
@@ -141,7 +152,8 @@ def _group(
         if name not in columns:
             found.append(None)
             continue
-        values, error = (part[rows] * h ** (dim + order) for part in columns[name])
+        power = dim + (order if name not in by_q else 0)  # d/dq is h d/dr
+        values, error = (part[rows] * h**power for part in columns[name])
         if blur.any() and len(q) > 2:
             slope = np.abs(np.gradient(values, q))
             error = error + blur * (slope if order == 0 else np.max(slope)) + blur**2

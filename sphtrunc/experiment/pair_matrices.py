@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,22 +112,21 @@ def act(
     Raises ValueError as the engine does.
     """
     at: Any = slice(None) if targets is None else np.asarray(targets)
-    sources: dict[tuple[str, int, int], int] = {}  # (side, id of r, id of A or 0) -> row
+    sources: dict[tuple[str, bytes, bytes], int] = {}  # (side, r, A or nothing) -> row
     rows: dict[str, list[Array]] = {}
     keys: dict[str, dict[int, dict[Key, None]]] = {}
     placed: list[list[int]] = []
-    kept: list[Any] = []  # so that an id stays one
+    named = _Names()
     for parts, field in requests:
         columns = [field[i] for i in range(cloud.dim)] if field.ndim == 2 else [field] * cloud.dim
-        kept.append(columns)
         places = []
         for part in parts:
-            own = columns[part.axis]
-            name = (part.side, id(part.right), 0 if part.own else id(own))
+            acted = columns[part.axis]
+            name = (part.side, named(part.right), b"" if part.own else named(acted))
             if name not in sources:
                 there = rows.setdefault(part.side, [])
                 sources[name] = len(there)
-                there.append(part.right if part.own else part.right * own)
+                there.append(part.right if part.own else part.right * acted)
             keys.setdefault(part.side, {}).setdefault(sources[name], {})[part.key] = None
             places.append(sources[name])
         placed.append(places)
@@ -150,6 +150,19 @@ def act(
             error += (len(parts) + 12.0) * UNIT * size
         result.append(Action(value, error if bound else None, size))
     return result
+
+
+class _Names:
+    """Arrays by what they hold: forms make equal factors anew, which are to be summed once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Array, bytes]] = {}  # the array is kept, so its id stays its
+
+    def __call__(self, array: Array) -> bytes:
+        if id(array) not in self._known:
+            data = np.ascontiguousarray(array).tobytes()
+            self._known[id(array)] = array, blake2b(data, digest_size=16).digest()
+        return self._known[id(array)][1]
 
 
 def _passes(

@@ -30,10 +30,10 @@ from sphtrunc.study.structure import (
     require_theory,
 )
 from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
-from sphtrunc.theory.disorder.prediction import Prediction, predict
+from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
-from sphtrunc.theory.varying_scenes import predict_varying
+from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -244,8 +244,9 @@ def beside(
     """The prediction of every figure of a measurement, and their ratios, ready for JSON.
 
     "by": "structure factor" or "lattice", whichever it rests on;
-    "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread);
-    "error": the parts of the rms error and its ratio, for a sinusoid or a polynomial; "how";
+    "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread),
+    and uncertainty, what the std is good to, where displacements were sampled; "error": the parts
+    of the rms error, what it is good to, and its ratio, for a sinusoid or a polynomial; "how";
     "none": why there is no theory for the scene, or for the field.
     """
     try:
@@ -259,6 +260,8 @@ def beside(
                 std = found.std[alpha]
                 ratio = float(values.std()) / std if std and values.size > 1 else None
                 row = {"mean": found.mean[alpha], "std": std, "std_ratio": ratio}
+                if found.uncertainty:
+                    row["uncertainty"] = found.uncertainty.get(alpha, 0.0)
                 result["moments"][label(alpha)] = row
         if field is not None:
             precision = measured.settings["precision"]
@@ -279,7 +282,8 @@ def beside_text(prediction: Mapping[str, Any]) -> str:
     error = prediction.get("error")
     if error is not None:
         ratio = "" if error["ratio"] is None else f"; measured/predicted {error['ratio']:.4f}"
-        lines.append(f"Predicted rms error {error['total']:.6e}{ratio}")
+        known = f", good to {percent(error['uncertainty'])}" if error["uncertainty"] else ""
+        lines.append(f"Predicted rms error {error['total']:.6e}{known}{ratio}")
         parts = ("smoothing", "discretisation", "disorder", "rounding")
         lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
     rows = prediction.get("moments")

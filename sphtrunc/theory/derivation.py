@@ -22,7 +22,7 @@ from sphtrunc.version import __version__
 if TYPE_CHECKING:
     from sphtrunc.theory.aliasing import Aliasing
     from sphtrunc.theory.disorder.prediction import Prediction
-    from sphtrunc.theory.wall_derivation import WallView
+    from sphtrunc.theory.walls.derivation import WallView
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,11 @@ class Derivation:
                 "distribution": self.scatter.distribution,
                 "how": self.scatter.how,
             }
-        return {**more, "moments": {label(a): {"mean": mean[a], "std": std[a]} for a in mean}}
+        rows = {label(a): {"mean": mean[a], "std": std[a]} for a in mean}
+        if self.scatter is not None:
+            for alpha, x in self.scatter.uncertainty.items():
+                rows[label(alpha)]["uncertainty"] = x
+        return {**more, "moments": rows}
 
     def to_json(self) -> str:
         """`to_dict` as JSON text."""
@@ -224,7 +228,7 @@ class Derivation:
         self._found()
         if self.wall is None:
             return typeset.text(self)
-        from sphtrunc.theory.wall_text import text
+        from sphtrunc.theory.walls.text import text
 
         return text(self)
 

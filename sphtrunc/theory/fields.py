@@ -57,11 +57,6 @@ class Waves:
         slope = np.stack([-np.sin(phase), np.cos(phase)], axis=1)
         return np.multiply.outer((slope.T * self.kappa).T, self.direction)
 
-    def laplacian(self, s: Array) -> Array:
-        """∇²f, (K, F, …)."""
-        value = (self.difference(s).T + self.own.T).T
-        return np.asarray((value.T * -(self.kappa**2)).T)
-
     def derivative(self, mu: MultiIndex) -> Array:
         """∂^μ f at the target, (K, F)."""
         n = sum(mu)
@@ -124,16 +119,6 @@ class Taylor:
                 for i, n in enumerate(alpha):
                     if n:
                         result[..., i] += c * n * monomial(s, lowered(alpha, i))
-        return total
-
-    def laplacian(self, s: Array) -> Array:
-        """∇²f, (K, F, …)."""
-        total = np.zeros((len(self.coefficients), 1, *s.shape[:-1]))
-        for one, result in zip(self.coefficients, total[:, 0], strict=True):
-            for alpha, c in one.items():
-                for i, n in enumerate(alpha):
-                    if n > 1:
-                        result += c * n * (n - 1) * monomial(s, lowered(alpha, i, 2))
         return total
 
     def derivative(self, mu: MultiIndex) -> Array:

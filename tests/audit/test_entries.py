@@ -97,7 +97,7 @@ def test_a_gaussian_may_be_wrong_and_cut() -> None:
     [
         ("wendland-c2", ("1/2",)),  # w″ = 5 (1 − q/2)² (2q − 1)
         ("cubic-spline", ("2/3",)),  # w″ = −3 + 9q/2
-        ("wendland-c4", ("0.471143",)),  # 35 q² − 8 q − 4 = 0: (4 + √156)/35
+        ("wendland-c4", ("0.4711427",)),  # 35 q² − 8 q − 4 = 0: (4 + √156)/35
         ("polynomial:0", ()),
         ("b-spline:3", ("1/2",)),  # at the knot
     ],
@@ -129,7 +129,7 @@ def test_inflection_and_knots_are_in_the_author_s_h() -> None:
 
 # -- no false alarm -------------------------------------------------------------------------------
 
-SHAPES = [k for k, _ in profiles() if 1 <= k.degree <= 14]
+SHAPES = [k for k, _ in profiles() if 1 <= k.degree <= 10]
 
 
 def pieces(shape: Kernel, order: int) -> str:

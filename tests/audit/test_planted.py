@@ -26,6 +26,7 @@ from planted import (
     SPIKY,
     Written,
     code,
+    pos,
 )
 
 from sphtrunc.audit import Audit, audit, audit_table, faults
@@ -121,8 +122,9 @@ def test_a_factor_without_a_reason_is_not_given_one() -> None:
 
 
 @pytest.mark.parametrize(("kernel", "dim"), EVERY, ids=ids)
-@pytest.mark.parametrize("part", [0.5, 0.75])
-def test_a_cut_support_is_named(kernel: Written, dim: int, part: float) -> None:
+def test_a_cut_support_is_named(kernel: Written, dim: int) -> None:
+    """At half of it, or three quarters, in turn."""
+    part = (0.5, 0.75)[EVERY.index((kernel, dim)) % 2]
     whole, end = code(kernel, dim), part * kernel.support
 
     def cut(r: Any, h: float) -> Any:
@@ -162,6 +164,36 @@ def test_whole_number_division_in_the_shape_is_named(name: str) -> None:
     assert fault.kind == expected, report.to_text()
 
 
+def test_a_factor_that_one_piece_lacks_is_named() -> None:
+    """(2 − q)³ for (2 − q)³/4: four times too much beyond q = 1."""
+    lost = code(M4, 3, function=lambda q: np.where(q < 1, M4.shape(q), pos(2 - q) ** 3))
+    (fault,) = audit(lost, 3).faults
+    assert fault.kind == faults.MISPRINT
+    assert "cubic-spline: on 1..2 it is 4 times what the first piece asks for" in fault.message
+
+
+def test_a_shape_without_an_integral_is_judged_by_its_values() -> None:
+    """1 − 3/2 q² − 3/4 q³, then (2 − q)³/4: ∫ w q² dq = 1/3 − 3/10 − 1/8 + 11/120 = 0."""
+    wrong = code(
+        M4, 3, function=lambda q: np.where(q < 1, 1 - 1.5 * q**2 - 0.75 * q**3, M4.shape(q))
+    )
+    (fault,) = audit(wrong, 3).faults
+    assert fault.kind == faults.WRONG_CONSTANT
+
+
+def test_a_kernel_that_is_no_polynomial_is_judged_by_its_values() -> None:
+    """The viscosity kernel of Müller et al. (2003): 15/(2π h³) (−q³/2 + q² + 1/(2q) − 1)."""
+
+    def viscosity(r: Any, h: float) -> Any:
+        q = np.where(r > 0, r, h) / h
+        w = 15 / (2 * pi * h**3) * (-(q**3) / 2 + q**2 + 1 / (2 * q) - 1)
+        return np.where((r > 0) & (r < h), w, 0.0)
+
+    report = audit(viscosity, 3)
+    assert report.kernel == ""
+    assert report.scaling.startswith("W ∝ h^−3")
+
+
 def test_a_constant_that_is_divided_away_is_hinted_at() -> None:
     with pytest.raises(ValueError, match="2/3 an integer division"):
         audit(lambda r, h: 2 // 3 / h * M4.shape(r / h), 1)
@@ -174,20 +206,21 @@ def test_a_constant_that_is_divided_away_is_hinted_at() -> None:
 def test_a_wrong_power_of_h_is_named_in_w_and_in_both_derivatives(
     kernel: Written, dim: int
 ) -> None:
+    """One too many or too few, in turn."""
     right = [code(kernel, dim, order=order) for order in range(3)]
     for order, name in enumerate(("W", "dW", "d²W")):
-        for surplus in (1, -1):
-            wrong = list(right)
-            wrong[order] = code(kernel, dim, order=order, power=-(dim + order) + surplus)
-            report = audit(wrong[0], dim, derivative=wrong[1], second_derivative=wrong[2])
-            (fault,) = report.faults
-            assert fault.kind == faults.POWER_OF_H
-            said = f"power of h in {name}: {surplus - dim - order}, should be {-dim - order}"
-            assert fault.message.replace("−", "-").startswith(said)
-            assert ("did you return dW/dq?" in fault.message) == (order == 1 and surplus == 1)
+        surplus = (1, -1)[(EVERY.index((kernel, dim)) + order) % 2]
+        wrong = list(right)
+        wrong[order] = code(kernel, dim, order=order, power=-(dim + order) + surplus)
+        report = audit(wrong[0], dim, derivative=wrong[1], second_derivative=wrong[2])
+        (fault,) = report.faults
+        assert fault.kind == faults.POWER_OF_H
+        said = f"power of h in {name}: {surplus - dim - order}, should be {-dim - order}"
+        assert fault.message.replace("−", "-").startswith(said)
+        assert ("did you return dW/dq?" in fault.message) == (order == 1 and surplus == 1)
 
 
-def test_the_issue_s_derivative_is_refused_by_the_oracle() -> None:
+def test_a_derivative_of_the_wrong_power_is_refused_by_the_oracle() -> None:
     """W right, dW with h⁻³ for h⁻⁴; and with h⁻⁵."""
     right = code(M4, 3)
     assert_kernel(right, "cubic-spline", dim=3, derivative=code(M4, 3, order=1))
@@ -268,6 +301,14 @@ def test_a_wrong_second_derivative_is_named(name: str, kernel: Written, dim: int
     assert report.second_derivative == "not the second derivative of W"
 
 
+def test_a_lost_factor_of_the_power_rule_is_named() -> None:
+    """(1 − q)³ differentiated to −(1 − q)²."""
+    lost = code(SPIKY, 3, order=1, function=lambda q: -(pos(1 - q) ** 2))
+    (fault,) = audit(code(SPIKY, 3), 3, derivative=lost).faults
+    assert fault.kind == faults.WRONG_DERIVATIVE
+    assert "the factor 3 of the power rule is lost" in fault.message
+
+
 def test_a_derivative_that_is_wrong_on_one_piece_says_where() -> None:
     lost = code(M4, 3, order=1, function=lambda q: np.where(q < 1, M4.slope(q), 0.0))
     (fault,) = audit(code(M4, 3), 3, derivative=lost).faults
@@ -302,9 +343,9 @@ def table(path: Any, lengths: tuple[float, ...], columns: dict[str, Any], common
     return audit_table(path, 3)
 
 
-@pytest.mark.parametrize("lengths", [(0.1, 0.2), (1.0, 1.3, 2.0), (5.0, 6.0, 7.0, 20.0)])
+@pytest.mark.parametrize("lengths", [(0.1, 0.2), (5.0, 6.0, 7.0, 20.0)])
 @pytest.mark.parametrize("common", [False, True])
-@pytest.mark.parametrize("kernel", [M4, C2, C4], ids=ids)
+@pytest.mark.parametrize("kernel", [M4, C4], ids=ids)
 def test_a_table_of_several_h_shows_the_power(
     tmp_path: Any, lengths: tuple[float, ...], common: bool, kernel: Written
 ) -> None:
@@ -329,3 +370,18 @@ def test_a_table_of_one_h_shows_it_as_a_factor(tmp_path: Any) -> None:
     assert fault.kind == faults.POWER_OF_H
     assert "did you return dW/dq?" in fault.message
     assert report.scaling == "not checked: all values are of h = 0.1"
+
+
+def test_a_column_that_says_it_is_a_derivative_by_q_is_believed(tmp_path: Any) -> None:
+    for lengths in ((0.1,), (0.1, 0.3)):
+        columns = {"W": code(M4, 3), "dW/dq": code(M4, 3, order=1, power=-3)}
+        report = table(tmp_path / "t.csv", lengths, columns, False)
+        assert report.clean, report.to_text()
+        assert report.derivative == "the derivative of W"
+
+
+def test_unknown_columns_are_left_alone_and_that_is_said(tmp_path: Any) -> None:
+    columns = {"W": code(M4, 3), "F": code(M4, 3, order=1, power=-3)}
+    report = table(tmp_path / "t.csv", (0.1,), columns, False)
+    assert report.clean
+    assert report.notes[0] == "columns of no known meaning, left alone: f"

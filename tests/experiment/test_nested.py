@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
-from itertools import product
 from math import comb
 from typing import Any
 
@@ -33,10 +32,8 @@ from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.particles import particles
-from sphtrunc.theory.disorder.nested import SecondNeighbours, mean_shift
 from sphtrunc.theory.disorder.prediction import predict
 from sphtrunc.theory.field_error import predict_waves
-from sphtrunc.theory.fields import Taylor
 
 U = 2.0**-53
 NESTED = Operator("laplacian", "nested")
@@ -499,41 +496,6 @@ def test_a_sinusoid_is_predicted_in_disorder(
             low, high = one.error["rms_ci95"]
             allowed = max(0.05 * one.error["rms"], 3 / 1.96 * (high - low) / 2)
             assert abs(one.error["rms"] - split.total) <= allowed
-
-
-@pytest.mark.parametrize("correction", ["none", "rkpm-1"])
-def test_the_mean_shift_is_half_the_laplacian_of_the_estimate(correction: str) -> None:
-    """½ Σ_p ∇²_p of the estimate of (x − x_a)² by moving one particle after the other, by ±ε and
-    ±2ε: second differences are off by c ε² + …, with 3c ε² the difference of the two."""
-    shape, ratio, step = kernel("wendland-c4"), Fraction(9, 10), 2.0**-9
-    x = float(ratio) * np.array(list(product(range(-5, 6), repeat=2)), dtype=np.float64)
-    home = int(np.flatnonzero((x == 0).all(axis=1))[0])
-    operator = Operator("hessian", "nested", correction)
-
-    def estimate(moved: Any) -> Any:
-        values = ((moved - moved[home]) ** 2)[:, 0]
-        scene = particles(moved, h=1.0, volume=float(ratio) ** 2)
-        return estimates(scene, shape, operator, values, targets=[home]).values[0, :, 0]
-
-    still, totals = estimate(x), []
-    for ahead in (step, 2 * step):
-        total = np.zeros_like(still)
-        for p in np.flatnonzero((x**2).sum(axis=1) ** 0.5 <= 4 + 2 * step):
-            for axis, side in product((0, 1), (-ahead, ahead)):
-                moved = x.copy()
-                moved[p, axis] += side
-                total += estimate(moved) - still
-        totals.append(total / ahead**2)
-    seen = SecondNeighbours(shape, operator, "square", ratio, (Fraction(0),) * 2)
-    (found,) = mean_shift(shape, seen, Taylor([{(2, 0): 1.0}]), 0.01)
-    size = np.abs(totals[0]).max()
-    assert size > 0.2
-    # 250 differences of estimates of Σ|w|² <= 100, good to 10³ u
-    rounding = 250 * 1e3 * U * 100 / step**2
-    allowed = np.abs(totals[1] - totals[0]) + rounding
-    assert allowed.max() < 1e-2 * size
-    expected = 0.5 * (0.01 * float(ratio)) ** 2
-    assert np.all(np.abs(found[:, 0] / expected - totals[0]) <= allowed)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -109,6 +111,24 @@ def test_boundary_particles_are_sources_and_dead_ones_are_left_out(tmp_path):
     np.testing.assert_array_equal(measured.target, np.flatnonzero(types[keep] == 1))
 
 
+def test_native_dumps_of_phantom_are_what_sarracen_reads(tmp_path, monkeypatch):
+    """Its frames have a column for each coordinate, and the header in `params`."""
+    columns = {"x": C.x[:, 0], "y": C.x[:, 1], "z": C.x[:, 2], "h": C.h}
+    header = {"hfact": 1.2, "nparttot": C.n, "massoftype": C.m[0], "xmin": 0.0, "xmax": 1.0}
+
+    class Frame(dict):
+        columns = property(list)
+        params = property(lambda self: header)
+
+    module = SimpleNamespace(read_phantom=lambda path, **options: [Frame(columns), "sinks"])
+    monkeypatch.setitem(sys.modules, "sarracen", module)
+    (tmp_path / "dump_00000").write_bytes(b"\x1c\0\0\0\x61\xed\0\0" + bytes(99))
+    found = read(tmp_path / "dump_00000")
+    assert (found.format, found.counts, found.box) == ("phantom", {"gas": C.n}, None)
+    np.testing.assert_array_equal(found.x.T, C.x)
+    np.testing.assert_allclose(found.fields["density"], C.m * (1.2 / C.h) ** 3, rtol=4e-16)
+
+
 @pytest.mark.parametrize("writer", [written.pysph_hdf5, written.pysph_npz])
 def test_particle_arrays_of_pysph(writer, tmp_path):
     path = tmp_path / ("p.npz" if writer is written.pysph_npz else "p.hdf5")
@@ -155,6 +175,12 @@ def test_particles_outside_a_periodic_box_are_taken_at_their_images(tmp_path):
     found = read(tmp_path / "s.hdf5")
     assert any(note.startswith("2 particles lie outside") for note in found.notes)
     np.testing.assert_allclose(found.x.T, C.x, rtol=0, atol=2.0**-51)
+
+
+def test_a_box_that_is_not_that_of_the_particles_is_refused(tmp_path):
+    written.swift(tmp_path / "s.hdf5", replace(C, box=1e-300))
+    with pytest.raises(ValueError, match="expected the box of these particles"):
+        read(tmp_path / "s.hdf5")
 
 
 # ------------------------------------------------------------------------------------- columns
@@ -412,6 +438,6 @@ def test_what_is_no_file_of_particles_is_refused(tmp_path):
         f["numbers"] = np.arange(3)
     with pytest.raises(ValueError, match="unknown layout: it has numbers"):
         read(tmp_path / "a.h5")
-    (tmp_path / "native").write_bytes(b"\x04\0\0\0\xed\xed\0\0\x04\0\0\0" + bytes(100))
+    (tmp_path / "native").write_bytes(b"\x1c\0\0\0\x61\xed\0\0\x04\0\0\0" + bytes(100))
     with pytest.raises(ValueError, match="sarracen"):
         read(tmp_path / "native")

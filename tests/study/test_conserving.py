@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from sphtrunc.cli import group
 from sphtrunc.cli.conserve import _FORMS
 from sphtrunc.experiment.momentum import FORMS
-from sphtrunc.study.conserving import conserve, conserve_particles
-from sphtrunc.study.density_drift import SCHEMES, drift, predicted_drift, tube
-from sphtrunc.study.force_errors import Wave
+from sphtrunc.study.conservation.conserving import conserve, conserve_particles
+from sphtrunc.study.conservation.density_drift import SCHEMES, drift, predicted_drift, tube
+from sphtrunc.study.conservation.force_errors import Wave
 
 
 def test_lattice_errors_are_predicted_to_rounding() -> None:
@@ -94,9 +94,9 @@ def test_the_command_and_its_text(tmp_path: Path) -> None:
     assert max(map(len, text.splitlines())) <= 100
     random = np.random.default_rng(2)
     path = tmp_path / "mine.npz"
-    np.savez(path, x=random.random((200, 2)), mass=np.full(200, 1 / 200), values=np.ones(200))
+    np.savez(path, x=random.random((200, 2)), mass=np.full(200, 1 / 200), pressure=np.ones(200))
     read = ["conserve", "-k", "cubic-spline", "--particles", str(path)]
-    assert "h: the particles have no smoothing length" in str(run(group, read).exception)
+    assert "h: the file has no smoothing length" in str(run(group, read).exception)
     result = run(group, [*read, "--h", "0.2", "--format", "json"])
     rows = json.loads(result.output)["rows"]
     assert len(rows) == 10
@@ -121,7 +121,7 @@ def test_a_wave_on_given_particles() -> None:
     wave = Wave(2.0 * np.pi)
     found = conserve_particles("cubic-spline", columns, h=0.1, wave=wave, workers=1)
     assert all(row.measured is not None and row.measured > 0.0 for row in found.rows)
-    with pytest.raises(ValueError, match="values: the particles have no pressure"):
+    with pytest.raises(ValueError, match="pressure: the particles have none"):
         conserve_particles("cubic-spline", columns, h=0.15)
     with pytest.raises(ValueError, match="mass: the particles have none"):
         conserve_particles("cubic-spline", {"x": x}, h=0.15)

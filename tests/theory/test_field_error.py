@@ -249,12 +249,14 @@ def test_a_hessian_tends_to_its_turned_limit(dim):
 
 
 def within(scene, operator, field, targets, beyond=0.0):
-    """Whether measured = predicted to 4 standard errors, and `beyond` relative to the error."""
+    """Whether measured = predicted to 4 standard errors, what the prediction says that it is good
+    to, and `beyond` relative to the error."""
     theory = predict_error("wendland-c4", operator, scene, field)
     error = measure(scene, "wendland-c4", operator, field, targets=targets, workers=1).error
     low, high = error["rms_ci95"]
     assert theory.disorder > 0
-    return abs(error["rms"] - theory.total) <= 4 * (high - low) / (2 * 1.96) + beyond * error["rms"]
+    allowed = 4 * (high - low) / (2 * 1.96) + (theory.uncertainty + beyond) * error["rms"]
+    return abs(error["rms"] - theory.total) <= allowed
 
 
 @pytest.mark.parametrize(
@@ -266,18 +268,17 @@ def within(scene, operator, field, targets, beyond=0.0):
     ],
 )
 def test_any_direction_and_any_polynomial_in_disorder(dim, kind, ratio, distribution, targets):
-    """Within 4 standard errors (RKPM-2: and 3 %, being of first order in its algebra)."""
+    """Within 4 standard errors, and what is said of a sampled prediction."""
     scene = jittered(lattice(dim, kind, ratio), 0.05, distribution, seed=3)
     for operator, field in product(OPERATORS, fields(dim)):
-        beyond = 0.03 if operator.correction == "rkpm-2" else 0.0
-        assert within(scene, operator, field, targets, beyond), (operator, field)
+        assert within(scene, operator, field, targets), (operator, field)
 
 
 @pytest.mark.parametrize(
     ("volume", "sigma", "distribution"),
     [("cell", 0.05, "gaussian"), ("cell", 0.05, "uniform"), ("summation", 0.03, "gaussian")],
 )
-def test_volumes_that_vary_to_second_order(volume, sigma, distribution):
+def test_volumes_that_vary_in_1d(volume, sigma, distribution):
     """In 1D at Δx/h = 0.7 within 4 standard errors, for every operator."""
     scene = jittered(lattice(1, "uniform", "7/10", volume=volume), sigma, distribution, seed=3)
     for operator, field in product(OPERATORS, fields(1)):
@@ -292,38 +293,23 @@ def test_volumes_that_vary_to_second_order(volume, sigma, distribution):
         (3, "cubic", "4/5", "summation", "gaussian"),
     ],
 )
-def test_volumes_that_vary_to_first_order(dim, kind, ratio, volume, distribution):
-    """At σ/Δx = 0.03 within 4 standard errors and 5 %."""
-    scene = jittered(lattice(dim, kind, ratio, volume=volume), 0.03, distribution, seed=3)
+def test_volumes_that_vary_in_space(dim, kind, ratio, volume, distribution):
+    scene = jittered(lattice(dim, kind, ratio, volume=volume), 0.1, distribution, seed=3)
     wave = fields(dim)[0]
     for operator in [o for o in OPERATORS if o.name == "gradient" and o.correction != "rkpm-2"]:
-        assert within(scene, operator, wave, 120 if dim == 3 else 600, 0.05), operator
+        assert within(scene, operator, wave, 120 if dim == 3 else 600), operator
 
 
-@pytest.mark.parametrize(("sigma", "beyond"), [(0.05, 0.03), (0.1, 0.05), (0.2, 0.35)])
-def test_what_the_orders_of_displacements_leave_out_of_the_nested_form(sigma, beyond):
-    """As `predict_fields` says: in 1D at Δx/h = 0.7."""
-    for distribution in ("gaussian", "uniform"):
-        scene = jittered(lattice(1, None, "7/10", extent=2**20), sigma, distribution)
-        (row,) = waves(scene, SHAPE, [NESTED], [0.02, 0.1], targets=20000)
-        theory = predicted(NESTED, 1, "7/10", [0.02, 0.1], sigma=sigma, distribution=distribution)
-        for one, split in zip(row, theory, strict=True):
-            low, high = one.error["rms_ci95"]
-            sampling = 4 * (high - low) / (2 * 1.96) / split.total
-            assert abs(one.error["rms"] / split.total - 1) <= beyond + sampling
-
-
-@pytest.mark.parametrize(
-    ("sigma", "least", "most"), [(0.05, -0.03, 0.03), (0.1, 0.0, 0.12), (0.2, 0.0, 0.2)]
-)
-def test_what_first_order_in_the_algebra_of_a_correction_leaves_out(sigma, least, most):
-    """As `predict_fields` says: at Δx/h = 0.7 the predictions for RKPM and Fatehi–Manzari are right
-    within 3 % at σ/Δx = 0.05, and up to 12 % and 20 % low at 0.1 and 0.2."""
-    scene = jittered(lattice(1, None, "7/10", extent=2**20), sigma)
-    operators = [o for o in OPERATORS if o.correction.startswith("rkpm")] + [FATEHI_MANZARI]
+@pytest.mark.parametrize("sigma", [0.05, 0.2])
+@pytest.mark.parametrize("distribution", ["gaussian", "uniform"])
+def test_second_neighbours_and_corrections_at_displacements_of_any_size(sigma, distribution):
+    """In 1D at Δx/h = 0.7, where neighbours are few: the nested form, RKPM and Fatehi–Manzari."""
+    scene = jittered(lattice(1, None, "7/10", extent=2**20), sigma, distribution)
+    operators = [NESTED, FATEHI_MANZARI, *(o for o in OPERATORS if "rkpm" in o.correction)]
     table = waves(scene, SHAPE, operators, [0.05], targets=20000)
     for operator, (one,) in zip(operators, table, strict=True):
-        (split,) = predicted(operator, 1, "7/10", [0.05], sigma=sigma)
+        (split,) = predicted(operator, 1, "7/10", [0.05], sigma=sigma, distribution=distribution)
         low, high = one.error["rms_ci95"]
         sampling = 4 * (high - low) / (2 * 1.96) / split.total
-        assert least - sampling <= one.error["rms"] / split.total - 1 <= most + sampling
+        assert abs(one.error["rms"] / split.total - 1) <= split.uncertainty + sampling, operator
+        assert split.uncertainty < 0.1

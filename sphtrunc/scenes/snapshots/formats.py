@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.snapshots import (
     dualsphysics,
@@ -95,7 +97,9 @@ def read(
         if not beginning:
             raise ValueError("it is empty")
         found = next(one for one in FORMATS if one.begins(beginning))
-        return snapshot_of(found.read(file, type), dim=dim, columns=columns, period=period, h=h)
+        with np.errstate(all="ignore"):  # whatever is not finite in the end is refused, and named
+            table = found.read(file, type)
+            return snapshot_of(table, dim=dim, columns=columns, period=period, h=h)
     except OSError as error:
         raise ValueError(f"{str(path)[:200]}: {error.strerror or error}") from None
     except MemoryError:

@@ -18,7 +18,8 @@ from sphtrunc.scenes.snapshots.table import Box, Table
 
 #: itype -> what it is called (part.F90 of Phantom)
 TYPES = {1: "gas", 2: "dust", 3: "boundary", 4: "star", 5: "dark matter", 6: "bulge"}
-NATIVE = b"\xed\xed\x00\x00"  # 60769, with which a native dump begins, after a record length
+#: 60769 in either byte order, with which a native dump begins, after the length of a record
+NATIVE = (b"\x61\xed\x00\x00", b"\x00\x00\xed\x61", b"\x00\x00\x00\x00\x00\x00\xed\x61")
 
 
 def recognises(root: Group) -> bool:
@@ -55,7 +56,7 @@ def native(path: Path, kind: str | None) -> Table:
             " sarracen"
         ) from None
     try:
-        found = sarracen.read_phantom(str(path), separate_types=None, ignore_inactive=False)
+        found = sarracen.read_phantom(str(path), separate_types="sinks", ignore_inactive=False)
     except Exception as error:
         raise ValueError(f"sarracen: {' '.join(str(error).split())[:120]}") from None
     frames = found if isinstance(found, list) else [found]
@@ -79,8 +80,8 @@ def table(
     kind: str | None,
 ) -> Table:
     """What the particles are, by the rules of the code."""
-    if "h" not in arrays:
-        raise ValueError("particles/h is missing")
+    if "h" not in arrays or not ("xyz" in arrays or all(axis in arrays for axis in "xyz")):
+        raise ValueError("particles/h or particles/xyz is missing")
     n = len(arrays["h"])
     if "nparttot" in told and told["nparttot"] != n:
         raise ValueError(f"the header counts {told['nparttot']:.0f} particles, and {n:,} are there")
@@ -114,7 +115,7 @@ def table(
     low = np.array([told.get(f"{axis}min", np.nan) for axis in "xyz"])
     size = np.array([told.get(f"{axis}max", np.nan) for axis in "xyz"]) - low
     box = None
-    x = np.asarray(arrays["xyz"], dtype=np.float64) if "xyz" in arrays else np.empty((0, 3))
+    x = arrays["xyz"] if "xyz" in arrays else np.stack([arrays[axis] for axis in "xyz"], axis=1)
     inside = np.all((x >= low) & (x <= low + size))  # a periodic run keeps its particles inside
     if np.all(np.isfinite(size)) and np.all(size > 0) and inside:
         box = Box(low, size, np.ones(3, dtype=np.bool_))

@@ -20,6 +20,7 @@ from sphtrunc.scenes.snapshots.table import Box, Table
 from sphtrunc.scenes.spacing import coincident
 
 _POSITIVE = ("h", "volume", "mass", "density")
+_MOST_TURNS = 1 << 20  # boxes that a particle may be away from its own
 _SINGLE = 2.0**-24  # relative rounding of single precision
 
 
@@ -335,6 +336,11 @@ def _wrapped(x: Array, box: Box) -> tuple[Array, int]:
     """Positions with those outside a periodic box moved to their images, and how many these are."""
     safe = np.where(box.periodic, box.size, 1.0)[:, None]
     turns = np.floor((x - box.low[:, None]) / safe) * box.periodic[:, None]
+    if not np.all(np.abs(turns) <= _MOST_TURNS):
+        raise ValueError(
+            f"box: sides {box.size.tolist()}, and particles lie more than {_MOST_TURNS:,} of them"
+            " away; expected the box of these particles"
+        )
     # the far side of the box is the near one: nobody has to be moved for that
     turns = np.where(x == (box.low + np.where(box.periodic, box.size, 0.0))[:, None], 0.0, turns)
     outside = np.any(turns != 0.0, axis=0)

@@ -1,7 +1,7 @@
 """Disorder: predicted mean and spread of discrete moments when particles are displaced at random.
 
 Every particle of a lattice moves by u, independent, of standard deviation σ along each axis (in Δx
-here), the target too unless it sits at an offset. Four levels, from the formula to the particles:
+here), the target too unless it sits at an offset. Five levels, from the formula to the particles:
 
 - the leading law for Δx/h → 0, std(M) = (σ/Δx) (Δx/h)^{1+d/2} ‖∇g‖₂, where g is the function that
   the particles sample; ‖∇g‖₂ is exact for piecewise polynomials;
@@ -9,39 +9,42 @@ here), the target too unless it sits at an offset. Four levels, from the formula
   every term of the reciprocal sum is damped by the Debye–Waller factor (Debye 1913,
   doi:10.1002/andp.19133480105), and V ∫ |ĝ|² (1 − e^{−σ²k²}) d^d k/(2π)^d is the variance;
 - propagation through the lattice, Var = σ² Σ_b |∂M/∂x_b|², for any operator, correction and rule
-  for the volumes, by carrying ∂/∂x_b with every number; to order σ⁴ where there are few neighbours
-  and none is near a knot where the kernel is too rough for that (of the nested form always the
-  mean, see `sphtrunc.theory.disorder.nested`);
+  for the volumes, by carrying ∂/∂x_b with every number; to order σ⁴ where displacements are small
+  and few, and no particle is near a knot where the kernel is too rough for that;
 - for independent displacements and constant volumes, averages over the displacements of every
-  particle, of any size (`sphtrunc.theory.disorder.averages`), to first order in the algebra of a
-  correction.
+  particle, of any size (`sphtrunc.theory.disorder.averages`);
+- where volumes, corrections, second neighbours or correlations tie the particles together, averages
+  over sampled displacements of all of them, around the propagation through the lattice, with what
+  they are good to (`sphtrunc.theory.disorder.sampling`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.sites import in_pairs
 from sphtrunc.theory.disorder.averages import scattered_moments
 from sphtrunc.theory.disorder.debye_waller import finite_ratio, gaussian_shift
 from sphtrunc.theory.disorder.leading_law import moment_rows
-from sphtrunc.theory.disorder.nested import SecondNeighbours, mean_shift
 from sphtrunc.theory.disorder.propagation import propagate
-from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, mixing, second_order
+from sphtrunc.theory.disorder.sampling import displaced
+from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, second_order
 from sphtrunc.theory.fields import Taylor
 from sphtrunc.theory.lattice_sums import lattice_moments
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
 
-SECOND_ORDER = 240  # displacements, up to which second derivatives are taken; a sixth where every
-# neighbour has a correction of its own
+SECOND_ORDER = 240  # displacements, up to which second derivatives are taken
 LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better than two orders in σ
 
 
@@ -52,6 +55,8 @@ class Prediction:
     jitter: σ/Δx; distribution: of the displacements; None where it is not a lattice that they are
         of; mean, std: multi-index -> float
     how: the level of theory behind them, in a few words
+    uncertainty: multi-index -> what the standard deviation is good to where displacements were
+        sampled, as a part of it: three standard errors; empty where none were
     """
 
     jitter: float | None
@@ -59,6 +64,7 @@ class Prediction:
     mean: Mapping[MultiIndex, float]
     std: Mapping[MultiIndex, float]
     how: str
+    uncertainty: Mapping[MultiIndex, float] = field(default_factory=dict)
 
 
 def predict(
@@ -90,46 +96,45 @@ def predict(
     mean = {alpha: float(m) for alpha, m in values.items()}
     if sigma == 0:
         return Prediction(sigma, distribution, mean, dict.fromkeys(mean, 0.0), "lattice sum")
-    arguments = (kernel, operator, kind, dx_over_h, offset, volume, degree, axis)
-    slopes, index = propagate(*arguments)
-    mixed = mixing(kind, index, distribution)
-    by_source = {a: row if mixed is None else mixed.T @ row for a, row in slopes.items()}
-    variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
-    how = "first-order propagation through the lattice"
     # what is zero by a mirror symmetry of the lattice stays so, and so does what a form has exactly
-    moving = [a for a, m in values.items() if m != 0 or any(offset)]
-    if operator.uses_difference:
-        moving = [a for a in moving if any(a)]
+    alphas = [a for a in values if any(a) or not operator.uses_difference]
+    moving = [a for a in alphas if values[a] != 0 or any(offset)]
+    lattice = (kernel, operator, kind, dx_over_h, offset, volume)
+    if not operator.uncorrected or volume != "constant" or distribution == "blue":
+        signals = Taylor([{alpha: 1.0} for alpha in alphas])
+        found = displaced(*lattice, signals, 0.0, sigma, distribution, axis)
+        shift, second = found.shift[:, 0, 0], found.second[:, 0, 0]
+        mean |= {a: mean[a] + float(x) for a, x in zip(alphas, shift, strict=True) if a in moving}
+        spreads = np.sqrt(np.maximum(second - shift**2, 0.0))
+        known = found.known_to / np.where(second > 0, 2.0 * second, 1.0)
+        std = dict.fromkeys(values, 0.0) | dict(zip(alphas, map(float, spreads), strict=True))
+        how = (
+            "averages over sampled displacements of all particles, standard deviations good to"
+            f" {percent(float(known.max()))}"
+        )
+        uncertainty = dict(zip(alphas, map(float, known), strict=True))
+        return Prediction(sigma, distribution, mean, std, how, uncertainty)
+    slopes, index = propagate(*lattice, degree, axis)
+    variance = {a: sigma**2 * float((row * row).sum()) for a, row in slopes.items()}
+    how = "first-order propagation through the lattice"
     size = (index.shape[1], dim)
     s = Stencil(kernel, kind, dx_over_h, offset, "constant").s
     smooth = is_smooth(kernel, operator, s, sigma * float(dx_over_h))
-    nested = operator.form == NESTED
-    independent = volume == "constant" and distribution != "blue" and not nested
-    most = SECOND_ORDER // 6 if nested and operator.correction != "none" else SECOND_ORDER
-    if size[0] * dim <= most and smooth and not (independent and sigma > LARGE):
+    if size[0] * dim <= SECOND_ORDER and smooth and sigma <= LARGE:
         how = "second-order propagation through the lattice"
         excess = -1.2 if distribution == "uniform" else 0.0
-        second = second_order(lambda at: propagate(*arguments, at)[0], size, mixed, excess)
-        variance = {a: max(v + sigma**4 * second[a][1], 0.0) for a, v in variance.items()}
-        mean |= {a: mean[a] + sigma**2 * second[a][0] for a in moving}
-    elif independent:
-        alphas = [a for a in variance if any(a) or not operator.uses_difference]
-        found = scattered_moments(
+        more = second_order(lambda at: propagate(*lattice, degree, axis, at)[0], size, excess)
+        variance = {a: max(v + sigma**4 * more[a][1], 0.0) for a, v in variance.items()}
+        mean |= {a: mean[a] + sigma**2 * more[a][0] for a in moving}
+    else:
+        averaged = scattered_moments(
             kernel, operator, kind, dx_over_h, offset, alphas, sigma, distribution, axis
         )
-        if found is not None:
+        if averaged is not None:
             how = "displacements of any size, particle by particle"
-            variance |= {a: v for a, (_, v) in found.items()}
-            mean |= {a: found[a][0] for a in moving}
-    elif nested and distribution != "blue":
-        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
-        shift = mean_shift(kernel, seen, Taylor([{a: 1.0} for a in moving]), sigma)
-        if shift is not None:
-            how += "; its mean to second order"
-            mean |= {a: mean[a] + float(x) for a, x in zip(moving, shift[:, axis, 0], strict=True)}
-    elif not smooth:
-        how += "; rough, as particles lie near knots where the kernel is not smooth"
-    if operator.uncorrected and independent and distribution == "gaussian":
+            variance |= {a: v for a, (_, v) in averaged.items()}
+            mean |= {a: averaged[a][0] for a in moving}
+    if distribution == "gaussian":
         part = operator.coefficients({}, dim)[axis]
         for alpha in moving:
             rows = moment_rows(part, alpha)
@@ -142,3 +147,9 @@ def predict(
                 variance[alpha] *= finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim) ** 2
     std = {a: v**0.5 for a, v in variance.items()}
     return Prediction(sigma, distribution, mean, std, how)
+
+
+def percent(x: float) -> str:
+    """A relative uncertainty as it is said, rounded up: 0.3 %, 2.7 % or 15 %."""
+    digits = 1 if x < 0.1 else 0
+    return f"{ceil(100 * x * 10**digits) / 10**digits:g} %"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sphtrunc.arithmetic.dual import Dual, dual_solve
 from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import Kernel
-from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import SLOPE, Key, lowered, monomial, parts
 
 if TYPE_CHECKING:
@@ -59,25 +59,6 @@ class Terms:
                 if n:
                     slope[:, i] += c * n * monomial(s, lowered(beta, i)) * f
         return g, slope
-
-    def laplacian(self, key: Key) -> Array:
-        """∇²g of the term of a base sum, (N,); 0 at the target itself.
-
-        ∇²(s^β f) = f ∇²s^β + s^β [(2|β| + d) f′/q + q² (f′/q)′/q].
-        """
-        import numpy as np
-
-        s, dim = self.s, self.s.shape[1]
-        total: Array = np.zeros_like(self.q)
-        for c, beta, k in parts(key):
-            f, df, ddf = (self._factor(k, order) for order in range(3))
-            whole = monomial(s, beta)
-            total += c * whole * ((2 * sum(beta) + dim) * df + self.q**2 * ddf)
-            for i, n in enumerate(beta):
-                if n > 1:
-                    total += c * n * (n - 1) * monomial(s, lowered(beta, i, 2)) * f
-        total[self.itself] = 0.0
-        return total
 
 
 class Stencil:
@@ -239,18 +220,15 @@ def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
     return weights
 
 
-def is_smooth(
-    kernel: Kernel | Gaussian, operator: Operator, s: Array, spread: float, order: int = 3
-) -> bool:
-    """Whether so many derivatives of the terms exist where displacements of that standard
-    deviation, in h, take most particles at s, (N, d): the second order needs three of them, and
-    the mean alone two."""
+def is_smooth(kernel: Kernel | Gaussian, operator: Operator, s: Array, spread: float) -> bool:
+    """Whether the three derivatives of the terms that the second order needs exist where
+    displacements of that standard deviation, in h, take most particles at s, (N, d)."""
     import numpy as np
 
-    terms = {1} if operator.form == NESTED else {t for t, _ in operator.needed(s.shape[1], 0)}
+    terms = {t for t, _ in operator.needed(s.shape[1], 0)}
     top = max(sum(term) if isinstance(term, tuple) else 1 for term in terms)
     smoothness = kernel.knot_smoothness()
-    rough = [float(knot) for knot, n in smoothness.items() if knot and n < top + order - 1]
+    rough = [float(knot) for knot, n in smoothness.items() if knot and n < top + 2]
     q = np.sqrt((s * s).sum(axis=1))
     return all(np.abs(q - knot).min() > 2.5 * spread for knot in rough)
 
@@ -258,21 +236,19 @@ def is_smooth(
 def second_order(
     slopes: Callable[[Array | None], Mapping[tuple[int, ...], Array]],
     shape: tuple[int, ...],
-    mixed: Array | None,
     excess: float,
 ) -> dict[tuple[int, ...], tuple[float, float]]:
-    """What the second and third derivatives H, T of figures M by v add: Σ H_kk/2 to the
+    """What the second and third derivatives H, T of figures M by independent u add: Σ H_kk/2 to the
     mean (times σ²), Σ H_kl²/2 + Σ M_k T_kll + (kurtosis − 3) Σ H_kk²/4 to the variance (times σ⁴).
     Both are differences of the slopes on both sides."""
     import numpy as np
 
     step = 1e-3
-    count, dim = shape
-    directions = np.kron(np.eye(count) if mixed is None else mixed, np.eye(dim))  # (N·d, K)
+    size = shape[0] * shape[1]
     here = slopes(None)
     curved: dict[tuple[int, ...], list[Array]] = {alpha: [] for alpha in here}
-    third = {alpha: np.zeros(count * dim) for alpha in here}
-    for direction in directions.T:
+    third = {alpha: np.zeros(size) for alpha in here}
+    for direction in np.eye(size):
         moved = step * direction.reshape(shape)
         up, down = slopes(moved), slopes(-moved)
         for alpha, middle in here.items():
@@ -280,9 +256,9 @@ def second_order(
             third[alpha] += (up[alpha] + down[alpha] - 2 * middle).ravel() / step**2
     result = {}
     for alpha, rows in curved.items():
-        h = np.array(rows) @ directions
+        h = np.array(rows)
         own = np.diag(h)
-        cross = float((directions.T @ here[alpha].ravel()) @ (directions.T @ third[alpha]))
+        cross = float(here[alpha].ravel() @ third[alpha])
         variance = 0.5 * float((h * h).sum()) + cross + 0.25 * excess * float((own * own).sum())
         result[alpha] = 0.5 * float(own.sum()), variance
     return result

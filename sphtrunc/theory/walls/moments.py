@@ -49,7 +49,7 @@ from sphtrunc.theory.euler_maclaurin import (
     simple,
 )
 from sphtrunc.theory.lattice_sums import lattice_sums, real_context, rounded
-from sphtrunc.theory.marginal import cut_sum, odd, plane
+from sphtrunc.theory.walls.half_space import cut_sum, odd, plane
 
 #: of which dummy particles take their value
 EXTRAPOLATION = Operator("value", "standard", "shepard")
@@ -224,7 +224,7 @@ def cut_moments(
         knots = [sign * k for k in kernel.knots for sign in (1, -1)]
         return [
             ({key: w * plane(kernel, key, z) for key in keys}, sums(seen, eta + z))
-            for z, w in _nodes(reach, [*knots, *(k - eta for k in knots)])
+            for z, w in nodes(reach, [*knots, *(k - eta for k in knots)])
         ]
 
     fluid = HalfSpace(lambda keys: sums(keys, eta), lambda keys: sums(keys, -eta), layers)
@@ -232,7 +232,7 @@ def cut_moments(
     return {alpha: settled(value, 25 if layered else 40) for alpha, value in found.items()}
 
 
-def _nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+def nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
     """Nodes and weights of an integral from one end to the other, of a function that is analytic
     between the knots and has half-integer powers there at worst: Gauss–Legendre in t on
     z = (a+b)/2 − (b−a)/2 cos πt."""
@@ -338,8 +338,8 @@ def wall_lattice_moments(
     return {alpha: settled(value) for alpha, value in found.items()}
 
 
-def require(kernel: object, operator: Operator) -> None:
-    """Raises ValueError for a kernel or a form that has no theory near a wall."""
+def require(kernel: object, operator: Operator) -> Kernel:
+    """The kernel; raises ValueError for one, or for a form, that has no theory near a wall."""
     if not isinstance(kernel, Kernel):
         raise ValueError(
             "wall: only piecewise polynomial kernels are cut exactly; expected another kernel"
@@ -349,3 +349,4 @@ def require(kernel: object, operator: Operator) -> None:
             "form: paired takes the neighbours at s and −s together, and near a wall there are no"
             " such pairs; expected the form standard"
         )
+    return kernel

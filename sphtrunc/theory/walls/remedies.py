@@ -5,7 +5,7 @@ At distance η from the wall an estimate has the leading errors
     Σ_α c_α h^{|α|−k} A^{(α)},        c_α = (M_α − M_α^exact)/α!,
 
 of the lowest |α| where any is left: −1, 0, 1, 2, … is the order in h. The place of the wall in the
-lattice adds c′_α (Δx/h)^n to M_α. Every coefficient is read off the moments of `theory.walls`, and
+lattice adds c′_α (Δx/h)^n to M_α. Every coefficient is read off the moments of `theory.walls.moments`, and
 every remedy but one is an operator of the package; the one is the normalisation by γ = m₀ with the
 terms of the wall that the divergence theorem leaves, where A and its slope are known on it
 (Kulasegaram, Bonet, Lewis & Profit 2004, doi:10.1007/s00466-003-0534-0; Ferrand et al. 2013,
@@ -23,21 +23,25 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from math import factorial, prod
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sympy import Expr, Rational
 
 from sphtrunc.kernels.arguments import dimension, rational
 from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, multi_indices, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.euler_maclaurin import periodic_bernoulli
-from sphtrunc.theory.marginal import cut_sum, plane
-from sphtrunc.theory.wall_orders import slope_at, wall_order, wall_response
-from sphtrunc.theory.walls import cut_moments, in_layers, require
+from sphtrunc.theory.walls.half_space import cut_sum, plane
+from sphtrunc.theory.walls.moments import cut_moments, in_layers, require
+from sphtrunc.theory.walls.orders import slope_at, wall_order, wall_response
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.gaussian import Gaussian
 
 
 class Remedy(NamedTuple):
@@ -135,21 +139,22 @@ def named(alpha: MultiIndex) -> str:
 
 
 def remedies(
-    kernel: Kernel,
+    kernel: Kernel | Gaussian | str,
     dim: int = 1,
     etas: Iterable[object] | None = None,
     names: Iterable[str] | None = None,
 ) -> Iterator[Row]:
     """Every remedy's leading errors of value, gradient and Laplacian, row by row.
 
+    kernel: a Kernel, or any text that `sphtrunc.kernel` takes
     etas: distances from the wall in h, exact numbers; default 0, 1/4, 1/2, 1 and κ
     names: of REMEDIES; default all of them
 
     Raises ValueError for a bad argument.
     """
     dim = dimension(dim)
-    require(kernel, Operator())
-    given = ["0", "1/4", "1/2", "1", kernel.support] if etas is None else list(etas)
+    shape = require(parse_kernel(kernel), Operator())
+    given = ["0", "1/4", "1/2", "1", shape.support] if etas is None else list(etas)
     distances = list(dict.fromkeys(rational(eta, "eta") for eta in given))
     if not all(eta >= 0 for eta in distances):
         raise ValueError(f"eta: got {min(distances)}, expected distances >= 0")
@@ -163,9 +168,9 @@ def remedies(
             for component, axis in parts[:dim]:
                 for name in chosen:
                     form = REMEDIES[name].forms.get(operator)
-                    if form is None or (form[0] == "direct" and kernel.smoothness < 1):
+                    if form is None or (form[0] == "direct" and shape.smoothness < 1):
                         continue
-                    yield from _rows(kernel, dim, eta, operator, component, axis, name)
+                    yield from _rows(shape, dim, eta, operator, component, axis, name)
 
 
 def _rows(
@@ -241,7 +246,7 @@ def semi_analytic(
 
 def semi_analytic_response(
     kernel: Kernel, operator: Operator, dim: int, degree: int, eta: Rational, n: int, axis: int = 0
-) -> dict[MultiIndex, Any]:
+) -> dict[MultiIndex, Any] | None:
     """As `wall_response`: γ and the terms of the wall are integrals, whatever the particles."""
     zero = unit(dim, 0, 0)
     gamma = cut_sum(kernel, (zero, zero), eta)

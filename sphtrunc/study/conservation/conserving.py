@@ -27,7 +27,7 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.scenes.jittered import Jittered, jittered
 from sphtrunc.scenes.lattice import Lattice, lattice
 from sphtrunc.scenes.particles import particles
-from sphtrunc.study.force_errors import (
+from sphtrunc.study.conservation.force_errors import (
     Wave,
     displaced,
     measured_errors,
@@ -254,8 +254,9 @@ def conserve_particles(
 ) -> Balance:
     """The same on somebody's particles.
 
-    columns: x (n, d), mass, and any of h, density (default: the summation), values: the pressure
-        (default: P₀ + P₁ sin along the first axis, as of `wave`), as `scenes.files.read` gives them
+    columns: x (n, d), mass, and any of h, density (default: the summation), pressure (default:
+        P₀ + P₁ sin along the first axis, as of `wave`), velocity (d, n), with which the energy
+        changes (default: normal numbers)
     wave: a pressure whose acceleration is known, to measure errors of; lengths as of x
 
     Raises ValueError for columns that are missing or bad.
@@ -274,14 +275,12 @@ def conserve_particles(
         density = particles(columns["x"], h=lengths, mass=columns["density"]).mass
     assert made.given is not None
     pressure: Array
-    if "values" in columns:
-        pressure = np.asarray(columns["values"], dtype=np.float64).reshape(-1)
-        if pressure.shape != density.shape or not np.all(np.isfinite(pressure)):
-            raise ValueError("values: expected a finite pressure for each particle")
+    if "pressure" in columns:
+        pressure = _finite("pressure", columns["pressure"], density.shape)
     elif wave is not None:
         pressure = wave.pressure(made.x)
     else:
-        raise ValueError("values: the particles have no pressure; expected a column values")
+        raise ValueError("pressure: the particles have none; expected a column pressure")
     cloud = Cloud(made.x, made.h, kernel, period=made.period, workers=workers)
     state = State(cloud, made.given, density, pressure)
     varying = not bool(np.all(made.h == made.h[0]))
@@ -303,7 +302,18 @@ def conserve_particles(
         "scene": f"{kernel.name}, particles of a file, {'varying' if varying else 'constant'} h",
         "seed": seed,
     }
-    return _table(state, pairs, measured, [None] * len(pairs), settings, False, seed)
+    velocity = None
+    if "velocity" in columns:
+        velocity = _finite("velocity", columns["velocity"], made.x.shape)
+    none: Sequence[float | None] = [None] * len(pairs)
+    return _table(state, pairs, measured, none, settings, False, seed, velocity)
+
+
+def _finite(name: str, values: Any, shape: tuple[int, ...]) -> Array:
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != shape or not np.all(np.isfinite(found)):
+        raise ValueError(f"{name}: got shape {found.shape}, expected finite numbers {shape}")
+    return found
 
 
 def _pairs(forms: Sequence[str], rules: Sequence[str], varying: bool) -> list[tuple[str, str]]:
@@ -325,9 +335,12 @@ def _table(
     settings: Mapping[str, Any],
     still: bool,
     seed: int,
+    velocity: Array | None = None,
 ) -> Balance:
     rows = []
-    for one, error, known in zip(kept(state, pairs, seed=seed), measured, predicted, strict=True):
+    for one, error, known in zip(
+        kept(state, pairs, velocity, seed), measured, predicted, strict=True
+    ):
         form = FORMS[one.form]
         power = order(form.correction, form.degree(one.rule), still)
         rows.append(Row(one, error, known, power))

@@ -16,10 +16,9 @@ from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import PLACES, Wall
-from sphtrunc.theory.marginal import ETA, beyond_pieces, cut_pieces, cut_sum
 from sphtrunc.theory.orders import Orders
-from sphtrunc.theory.wall_orders import wall_order, wall_response
-from sphtrunc.theory.walls import (
+from sphtrunc.theory.walls.half_space import ETA, beyond_pieces, cut_pieces, cut_sum
+from sphtrunc.theory.walls.moments import (
     HalfSpace,
     cut_lattice_sums,
     cut_moments,
@@ -29,6 +28,7 @@ from sphtrunc.theory.walls import (
     wall_lattice_moments,
     wall_terms,
 )
+from sphtrunc.theory.walls.orders import wall_order, wall_response
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -44,7 +44,7 @@ BEYOND = {
 
 @dataclass(frozen=True)
 class WallView:
-    """What a derivation beside a wall has besides: see `sphtrunc.theory.walls`.
+    """What a derivation beside a wall has besides: see `sphtrunc.theory.walls.moments`.
 
     wall: where it is, None where η is left open
     at: where it lies in the lattice, in words, None without a lattice
@@ -101,8 +101,7 @@ def beside(
 
     Raises ValueError for a bad argument.
     """
-    kernel, operator = interior.kernel, interior.operator
-    require(kernel, operator)
+    require(interior.kernel, interior.operator)
     if wall == "eta":
         if dx_over_h is not None or at is not None or weight is not None:
             raise ValueError(
@@ -133,9 +132,8 @@ def _placed(
     shift: tuple[Rational, ...],
     lattice: str,
 ) -> Derivation:
-    kernel, operator, dim, degree = (
-        interior.kernel, interior.operator, interior.dim, interior.degree
-    )  # fmt: skip
+    operator, dim, degree = interior.operator, interior.dim, interior.degree
+    kernel = require(interior.kernel, operator)
     eta = Rational(wall.eta.numerator, wall.eta.denominator)
     needed = operator.needed(dim, degree)
     linear = dim == 1 and not in_layers(operator, wall.ghosts) and wall.ghosts == "none"
@@ -195,9 +193,8 @@ def _orders(
 
 
 def _open(interior: Derivation, wall: Wall) -> Derivation:
-    kernel, operator, dim, degree = (
-        interior.kernel, interior.operator, interior.dim, interior.degree
-    )  # fmt: skip
+    operator, dim, degree = interior.operator, interior.dim, interior.degree
+    kernel = require(interior.kernel, operator)
     if in_layers(operator, wall.ghosts):
         raise ValueError(
             "wall: the moments of dummies and of the nested form are integrals of ratios, with no"
