@@ -296,8 +296,8 @@ def _text(document: dict[str, Any]) -> str:
         alpha = Fraction(document["alpha"])
         waves = f"S ∝ {power_text('k', alpha)}" if alpha else "S is level"
         found.append(
-            f"At long waves its {waves}: with more neighbours for the same particles the noise falls"
-            f" only as {power_text('(Δx/h)', (dim + alpha) / 2)}."
+            f"At long waves its {waves}: with more neighbours for the same particles the noise"
+            f" falls only as {power_text('(Δx/h)', (dim + alpha) / 2)}."
         )
     lines += [*wrapped(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
