@@ -93,9 +93,11 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     operator = Operator(given["operator"], given["form"], given["correction"])
     problem = Problem(given["dim"], operator, given["jitter"], lattice=given["lattice"])
     dim = problem.dim
-    exact = exponents(operator, dim)
+    exact, alpha = exponents(operator, dim), ""
+    if given["disorder"] is None and given["period"] is not None:
+        raise ValueError("period: belongs to --disorder FILE; expected that as well")
     if given["disorder"] is not None:
-        problem, exact = _disordered(given, problem)
+        problem, exact, alpha = _disordered(given, problem)
     document: dict[str, Any] = {
         "schema": "sphtrunc.tune/1",
         "dim": dim,
@@ -103,7 +105,7 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         "form": operator.form,
         "correction": operator.correction,
         "jitter": problem.sigma,
-        **({} if problem.disorder is None else {"disorder": problem.disorder.by}),
+        **({} if problem.disorder is None else {"disorder": problem.disorder.by, "alpha": alpha}),
         "path": {
             "h": str(exact.p),
             "error": str(exact.order),
@@ -156,8 +158,8 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any]:
-    """The problem with disorder of another kind than a jitter, and its exponents."""
+def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any, str]:
+    """The problem with disorder of another kind than a jitter, its exponents, and α of S ∝ k^α."""
     from dataclasses import replace
 
     from sphtrunc.cli.structure import scene
@@ -171,10 +173,15 @@ def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any]:
         from sphtrunc.arithmetic.rational import exact
 
         sigma = float(exact(text.partition(":")[2], "disorder"))
-        return replace(problem, sigma=sigma), exponents(problem.operator, problem.dim)
+        return replace(problem, sigma=sigma), exponents(problem.operator, problem.dim), "2"
+    if given["table"] is not None:
+        raise ValueError("disorder: runs of a table are explained by a jitter; expected --jitter")
+    if text in ("glass", "poisson") and given["period"] is not None:
+        raise ValueError(f"period: belongs to a file, not to {text}")
     home = None if text in ("glass", "poisson") else scene(text, given["period"])
     found, alpha = disorder(text, problem.dim, home)
-    return replace(problem, disorder=found), exponents(problem.operator, problem.dim, alpha)
+    path = exponents(problem.operator, problem.dim, alpha)
+    return replace(problem, disorder=found), path, str(alpha)
 
 
 def _with_pairing(chosen: Setting, kernel: Any, dim: int) -> dict[str, Any]:
@@ -284,6 +291,13 @@ def _text(document: dict[str, Any]) -> str:
             f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
             f" {power_text('Δx', path['error'])} and neighbours grow as"
             f" {power_text('N', path['neighbours'])}."
+        )
+    if "alpha" in document:
+        alpha = Fraction(document["alpha"])
+        waves = f"S ∝ {power_text('k', alpha)}" if alpha else "S is level"
+        found.append(
+            f"At long waves its {waves}: with more neighbours for the same particles the noise"
+            f" falls only as {power_text('(Δx/h)', (dim + alpha) / 2)}."
         )
     lines += [*wrapped(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
