@@ -1,4 +1,4 @@
-"""γ: exact beside planes; at corners, spheres and cylinders against integration in other coordinates,
+"""γ: exact beside planes; at corners, spheres, cylinders against integration in other coordinates,
 against symmetry, and in the limit of a plane."""
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Disorder beside a wall: displaced particles of a lattice that a plane cuts, each on the side where
-its site is.
+"""Disorder beside a wall: displaced particles of a lattice that a plane cuts, each on the side of
+its site.
 
 Var M_α = σ² Σ_b |∂M_α/∂x_b|² over the particles that are left, through corrections, whose means
 are those beside the wall; to order σ⁴ where they are few and the kernel is smooth.
