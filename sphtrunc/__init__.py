@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
-    from sphtrunc.study.error_map import error_map as error_map
+    from sphtrunc.study.snapshots.error_map import error_map as error_map
     from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
-    from sphtrunc.theory.remedies import remedies as remedies
+    from sphtrunc.theory.walls.remedies import remedies as remedies
 
 # name: module; imported on first use, so that `import sphtrunc` costs nothing
 _PUBLIC = {
@@ -49,7 +49,7 @@ _PUBLIC = {
     "box": "scenes.boxes",
     "compare": "study.comparison",
     "derive": "theory.deriving",
-    "error_map": "study.error_map",
+    "error_map": "study.snapshots.error_map",
     "field": "experiment.fields",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
@@ -60,7 +60,7 @@ _PUBLIC = {
     "particles": "scenes.particles",
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
-    "remedies": "theory.remedies",
+    "remedies": "theory.walls.remedies",
     "sinusoid": "experiment.fields",
     "structure_factor": "study.structure",
     "snapshot": "scenes.snapshots.formats",

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from math import trunc
+from typing import Any
 
 from sympy import QQ, Poly, Rational
 
@@ -191,7 +192,7 @@ def _pieces_scaled(found: Kernel, known: Kernel) -> list[str]:
     own = known.scaled(found.support)
     if found.knots != own.knots or len(found.pieces) < 2:
         return []
-    scales = []
+    scales: list[Any] = []
     for piece, right in zip(found.pieces, own.pieces, strict=True):
         scale = piece.LC() / right.LC()
         if piece != right * scale:

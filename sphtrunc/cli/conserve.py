@@ -68,7 +68,7 @@ def command(**given: Any) -> None:
 
 
 def _on_lattice(given: dict[str, Any]) -> Any:
-    from sphtrunc.study.conserving import conserve
+    from sphtrunc.study.conservation.conserving import conserve
 
     for name in ("length", "period", "columns", "kind"):
         if given[name] is not None:
@@ -97,7 +97,7 @@ def _on_lattice(given: dict[str, Any]) -> Any:
 
 def _on_file(given: dict[str, Any]) -> Any:
     from sphtrunc.scenes.snapshots.formats import read
-    from sphtrunc.study.conserving import conserve_particles
+    from sphtrunc.study.conservation.conserving import conserve_particles
 
     for name in ("dx_over_h", "lattice", "jitter", "mass_spread", "radius", "h_over_lambda"):
         if given[name] is not None:

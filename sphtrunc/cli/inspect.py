@@ -23,7 +23,7 @@ def command(**given: Any) -> None:
     sphtrunc inspect snapshot_010.hdf5
     sphtrunc inspect particles.csv --columns x=pos_x,y=pos_y,h=hsml --period 1,1
     """
-    from sphtrunc.study.contents import inspect
+    from sphtrunc.study.snapshots.contents import inspect
 
     found = inspect(given["file"], **options.read_as(given))
     emit(found.to_json() if given["format_"] == "json" else found.to_text(), given["output"])

@@ -41,7 +41,12 @@ from sphtrunc.output import emit
 @options.snapshot
 @click.option("--allow-duplicates", is_flag=True, help="Take particles that coincide.")
 @click.option("--picture", metavar="FILE", help="Draw it: .png, .svg or .pdf.")
-@click.option("-o", "--output", metavar="FILE", help="All of it: .npz, .csv, .hdf5, .vtp; .json: the summary.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="All of it: .npz, .csv, .hdf5, .vtp; .json: the summary.",
+)
 @options.formats("text", "json")
 def command(**given: Any) -> None:
     """Map the truncation error over the particles of a file: the moments of every sum at every one.
@@ -52,7 +57,7 @@ def command(**given: Any) -> None:
                  --field pressure -o map.npz
     """
     from sphtrunc.scenes.snapshots.formats import read
-    from sphtrunc.study.error_map import DEFAULT, error_map
+    from sphtrunc.study.snapshots.error_map import DEFAULT, error_map
 
     found = read(given["file"], **options.read_as(given))
     for note in found.notes:
@@ -79,7 +84,7 @@ def command(**given: Any) -> None:
         workers=given["workers"],
     )
     if given["output"] is not None:
-        from sphtrunc.study.map_files import write
+        from sphtrunc.study.snapshots.map_files import write
 
         write(result, given["output"])
     if given["picture"] is not None:
@@ -97,7 +102,7 @@ def _kernel(given: dict[str, Any], found: Any) -> tuple[Any, Any]:
     ratio = options.positive("support-over-h", given["support_over_h"])
     name = given["kernel"]
     if name is None:
-        from sphtrunc.study.saved_sums import identify_density
+        from sphtrunc.study.snapshots.saved_sums import identify_density
 
         if h is None:
             raise ValueError("kernel: the file has no h to identify it by; expected --kernel, --h")

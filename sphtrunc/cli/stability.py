@@ -16,7 +16,7 @@ from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
     from sphtrunc.study.stability import Found, Pairing, Stability
-    from sphtrunc.theory.modes import Mode, Rest
+    from sphtrunc.theory.dispersion.modes import Mode, Rest
 
 REMEDIES = ("artificial-stress:EPS", "total-lagrangian", "stress-points")
 _MEANING = {
@@ -169,7 +169,7 @@ def _rest(given: dict[str, Any]) -> tuple[Rest, bool]:
     from sphtrunc.scenes.sites import DEFAULT, KINDS
     from sphtrunc.study.pairing import DENSEST, GAS
     from sphtrunc.study.stability import ratio_of
-    from sphtrunc.theory.modes import Rest
+    from sphtrunc.theory.dispersion.modes import Rest
 
     kernel = parse_kernel(given["kernel"])
     dim = given["dim"]
@@ -226,7 +226,7 @@ def _wave(rest: Rest, text: str) -> tuple[list[Any], tuple[Fraction, ...]]:
     """What was given, and κ."""
     from sphtrunc.arithmetic.rational import exact as rational
     from sphtrunc.scenes.sites import units
-    from sphtrunc.theory.brillouin import inside, point, scale, shortest
+    from sphtrunc.theory.dispersion.brillouin import inside, point, scale, shortest
 
     text = text.strip()
     if text[:1].isalpha():
@@ -265,7 +265,7 @@ def _shown(rest: Rest, kappa: tuple[Fraction, ...]) -> tuple[list[Any], tuple[Fr
 
 
 def _points(rest: Rest) -> list[tuple[list[Any], tuple[Fraction, ...]]]:
-    from sphtrunc.theory.brillouin import POINTS, point
+    from sphtrunc.theory.dispersion.brillouin import POINTS, point
 
     return [_shown(rest, point(rest.kind, name)) for name in POINTS[rest.kind]]
 

@@ -14,7 +14,7 @@ from sphtrunc.output import emit
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
-    from sphtrunc.theory.remedies import Row
+    from sphtrunc.theory.walls.remedies import Row
 
 
 @click.command(name="wall")
@@ -49,7 +49,7 @@ def command(
     sphtrunc wall --kernel quintic-spline --dim 2 --format json
     """
     from sphtrunc.kernels.parse import kernel as parse_kernel
-    from sphtrunc.theory.remedies import remedies
+    from sphtrunc.theory.walls.remedies import remedies
 
     shape = parse_kernel(kernel)
     found = remedies(
@@ -82,7 +82,7 @@ def _shown_as_found(rows: Iterable[Row]) -> Iterable[Row]:
 
 def to_json(kernel: Any, dim: int, rows: Sequence[Row]) -> str:
     """The contract of schema `sphtrunc.wall/1`."""
-    from sphtrunc.theory.remedies import REMEDIES
+    from sphtrunc.theory.walls.remedies import REMEDIES
 
     result = {
         "schema": "sphtrunc.wall/1",
@@ -111,7 +111,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 def to_text(kernel: Any, dim: int, rows: Sequence[Row]) -> str:
     """A table for each operator, a line for each remedy, a column for each distance; at most 100
     columns."""
-    from sphtrunc.theory.remedies import REMEDIES
+    from sphtrunc.theory.walls.remedies import REMEDIES
 
     etas = list(dict.fromkeys(row.eta for row in rows))
     used = list(dict.fromkeys(row.remedy for row in rows))
@@ -185,7 +185,7 @@ def _cell(rows: Sequence[Row]) -> str:
 def advice(rows: Sequence[Row]) -> list[str]:
     """For each estimate the remedies that converge as h goes to 0 at every distance that was asked
     for, the cheapest, and that of the highest order."""
-    from sphtrunc.theory.remedies import REMEDIES
+    from sphtrunc.theory.walls.remedies import REMEDIES
 
     lines = []
     for operator, component in dict.fromkeys((r.operator, r.component) for r in rows):

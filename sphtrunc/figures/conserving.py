@@ -15,11 +15,11 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.smoothing_lengths import sloped
-from sphtrunc.study.atmosphere import atmosphere_errors
-from sphtrunc.study.conserving import conserve
-from sphtrunc.study.density_drift import SCHEMES, drift, predicted_drift, tube
-from sphtrunc.theory.atmosphere import acceleration_errors
-from sphtrunc.theory.variable_h import limit_moments
+from sphtrunc.study.conservation.atmosphere import atmosphere_errors
+from sphtrunc.study.conservation.conserving import conserve
+from sphtrunc.study.conservation.density_drift import SCHEMES, drift, predicted_drift, tube
+from sphtrunc.theory.variable_h.atmosphere import acceleration_errors
+from sphtrunc.theory.variable_h.moments import limit_moments
 
 SHOWN = ("symmetric", "difference", "csph", "csph-symmetric", "rkpm-strong", "rkpm-galerkin")
 SIGMA = "1/50"

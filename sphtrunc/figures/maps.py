@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.output import write_atomically
-from sphtrunc.study.map_files import shown
+from sphtrunc.study.snapshots.map_files import shown
 
 if TYPE_CHECKING:
-    from sphtrunc.study.error_map import ErrorMap
+    from sphtrunc.study.snapshots.error_map import ErrorMap
 
 SUFFIXES = (".png", ".svg", ".pdf")
 _PANELS = 6

@@ -21,8 +21,8 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.forces import ArtificialStress, force
 from sphtrunc.scenes.sites import units
 from sphtrunc.study.stability import courant, lowest, ratio_of, stability_map, waves
-from sphtrunc.theory.brillouin import inside, scale
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, continuous, eigenvalues
+from sphtrunc.theory.dispersion.brillouin import inside, scale
+from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, continuous, eigenvalues
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -16,7 +16,7 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.lattice import beside_wall, lattice
 from sphtrunc.scenes.walls import Wall
-from sphtrunc.theory.walls import cut_moments, wall_lattice_moments
+from sphtrunc.theory.walls.moments import cut_moments, wall_lattice_moments
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel

@@ -33,7 +33,7 @@ from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
-from sphtrunc.theory.varying_scenes import predict_varying
+from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:

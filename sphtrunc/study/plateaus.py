@@ -176,11 +176,11 @@ def findings(
         ]
     first, *others = found
     if first.problem == problem and first.wave == 1:
-        said = (
+        agree = (
             f"Measured and predicted agree within a factor {first.widest:.3g}: this explains the"
             " runs."
         )
-        return [said, *_parts(problem, runs)]
+        return [agree, *_parts(problem, runs)]
     known = f"{problem.sigma:g}" if first.wave == 1 else "λ"
     said = [
         f"{_apart(runs)}; {first.name} in place of {known} would explain that."

@@ -20,10 +20,10 @@ import numpy as np
 
 from sphtrunc.kernels.conventions import BALL
 from sphtrunc.operators.forces import GRAD_H, PLAIN
-from sphtrunc.theory.brillouin import POINTS, directions, grid, scale, shortest
-from sphtrunc.theory.dispersion import damping
-from sphtrunc.theory.lattice_waves import Scan
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
+from sphtrunc.theory.dispersion.brillouin import POINTS, directions, grid, scale, shortest
+from sphtrunc.theory.dispersion.lattice_waves import Scan
+from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
+from sphtrunc.theory.dispersion.relation import damping
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -22,7 +22,7 @@ from sphtrunc.version import __version__
 if TYPE_CHECKING:
     from sphtrunc.theory.aliasing import Aliasing
     from sphtrunc.theory.disorder.prediction import Prediction
-    from sphtrunc.theory.wall_derivation import WallView
+    from sphtrunc.theory.walls.derivation import WallView
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class Derivation:
         self._found()
         if self.wall is None:
             return typeset.text(self)
-        from sphtrunc.theory.wall_text import text
+        from sphtrunc.theory.walls.text import text
 
         return text(self)
 

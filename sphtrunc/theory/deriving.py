@@ -111,7 +111,7 @@ def derive(
                 "wall: displaced particles, summed volumes and a varying h beside a wall are not"
                 " derived here; expected no jitter, no h-gradient, and volume constant"
             )
-        from sphtrunc.theory.wall_derivation import beside
+        from sphtrunc.theory.walls.derivation import beside
 
         return beside(
             derive(kernel, operator, dim=dim, degree=degree),
@@ -168,7 +168,7 @@ def derive(
     )
     if h_gradient is None:
         return result
-    from sphtrunc.theory.variable_h import varying
+    from sphtrunc.theory.variable_h.moments import varying
 
     return varying(result, h_gradient, h_rule)
 

@@ -100,8 +100,8 @@ FORMULAS = [
     ("quartic-spline", "96/(1189*pi)", 2, slips.MISPRINT, "1199/1189"),
     ("cubic-spline", "0.318", 3, slips.ROUNDED, "159*pi/500"),
     ("gaussian", "1/sqrt(pi)", 2, slips.OTHER_DIMENSION, "sqrt(pi)"),
-    ("wendland-c2", "16*pi/21", 3, slips.OTHER_FORM, "256*pi**2/441"),
-    ("cubic-spline", "7*pi/10", 2, slips.OTHER_FORM, "49*pi**2/100"),
+    ("wendland-c2", "16*pi/21", 3, slips.RECIPROCAL, "256*pi**2/441"),
+    ("cubic-spline", "7*pi/10", 2, slips.RECIPROCAL, "49*pi**2/100"),
     ("cubic-spline", "7/22", 3, slips.ROUNDED, "7*pi/22"),
 ]
 

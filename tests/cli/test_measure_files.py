@@ -35,7 +35,7 @@ def cells(side: int, dim: int) -> np.ndarray:
 
 
 def first_moment(x: np.ndarray, h: float) -> float:
-    """M(1,0,0) of the gradient of the first particle of a lattice in a periodic unit box, Wendland's
+    """M(1,0,0) of the gradient of the first particle in a periodic unit box, Wendland's
     C2 in 3D (21/(16π) (1 − q/2)⁴ (1 + 2q)), pair by pair, with volumes 1/Σ_b W."""
     d = x - x[0]
     d -= np.round(d)

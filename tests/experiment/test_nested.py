@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
-from itertools import product
 from math import comb
 from typing import Any
 

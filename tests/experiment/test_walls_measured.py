@@ -19,7 +19,7 @@ from sphtrunc.scenes.lattice import beside_wall
 from sphtrunc.scenes.sites import KINDS
 from sphtrunc.scenes.walls import GHOSTS
 from sphtrunc.study.comparison import compare
-from sphtrunc.theory.walls import wall_lattice_moments
+from sphtrunc.theory.walls.moments import wall_lattice_moments
 
 DEEP = settings().max_examples if settings().max_examples > 1000 else None
 

@@ -10,7 +10,7 @@ import pytest
 from sphtrunc import jittered, kernel, lattice, measure
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.boxes import box
-from sphtrunc.theory.gamma import channel_moments, in_corner
+from sphtrunc.theory.walls.gamma import channel_moments, in_corner
 
 VALUE = Operator("value")
 

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from sphtrunc.cli import group
 from sphtrunc.cli.conserve import _FORMS
 from sphtrunc.experiment.momentum import FORMS
-from sphtrunc.study.conserving import conserve, conserve_particles
-from sphtrunc.study.density_drift import SCHEMES, drift, predicted_drift, tube
-from sphtrunc.study.force_errors import Wave
+from sphtrunc.study.conservation.conserving import conserve, conserve_particles
+from sphtrunc.study.conservation.density_drift import SCHEMES, drift, predicted_drift, tube
+from sphtrunc.study.conservation.force_errors import Wave
 
 
 def test_lattice_errors_are_predicted_to_rounding() -> None:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from sphtrunc.cli import main
-from sphtrunc.study.contents import inspect
-from sphtrunc.study.saved_sums import named_otherwise
+from sphtrunc.study.snapshots.contents import inspect
+from sphtrunc.study.snapshots.saved_sums import named_otherwise
 from tests.scenes import written
 
 PI = np.pi

@@ -12,8 +12,8 @@ import pytest
 import sphtrunc
 from sphtrunc import Operator
 from sphtrunc.cli import main
-from sphtrunc.study.error_map import DEFAULT, error_map, surface_distance
-from sphtrunc.study.map_files import vtp, write
+from sphtrunc.study.snapshots.error_map import DEFAULT, error_map, surface_distance
+from sphtrunc.study.snapshots.map_files import vtp, write
 
 KERNEL = sphtrunc.kernel("wendland-c2")
 SECOND = (Operator("laplacian", "brookshaw"), Operator("hessian", "difference", "rkpm-2"))

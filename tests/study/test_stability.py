@@ -41,10 +41,10 @@ from sphtrunc.study.stability import (
     viscous_step,
     waves,
 )
-from sphtrunc.theory.brillouin import point, scale
-from sphtrunc.theory.dispersion import damping
-from sphtrunc.theory.lattice_waves import Scan
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, growth
+from sphtrunc.theory.dispersion.brillouin import point, scale
+from sphtrunc.theory.dispersion.lattice_waves import Scan
+from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, growth
+from sphtrunc.theory.dispersion.relation import damping
 
 F = Fraction
 SYMMETRIC = force("symmetric")

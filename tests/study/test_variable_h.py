@@ -16,9 +16,9 @@ from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.particles import particles
 from sphtrunc.scenes.smoothing_lengths import linear, sloped
-from sphtrunc.study.atmosphere import atmosphere_errors
 from sphtrunc.study.comparison import compare, predict_error
-from sphtrunc.theory.atmosphere import acceleration_errors
+from sphtrunc.study.conservation.atmosphere import atmosphere_errors
+from sphtrunc.theory.variable_h.atmosphere import acceleration_errors
 
 UNIT = 2.0**-53
 OPERATORS = [

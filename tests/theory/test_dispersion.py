@@ -15,10 +15,25 @@ from sphtrunc import kernel
 from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.forces import FORCES, ArtificialStress, force
 from sphtrunc.scenes.sites import KINDS, units
-from sphtrunc.theory.brillouin import POINTS, grid, halves, inside, point, reciprocal, shortest
-from sphtrunc.theory.dispersion import dynamical
-from sphtrunc.theory.lattice_waves import Scan, exact_wave, long_wave, reduced, turns
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, continuous, growth, written
+from sphtrunc.theory.dispersion.brillouin import (
+    POINTS,
+    grid,
+    halves,
+    inside,
+    point,
+    reciprocal,
+    shortest,
+)
+from sphtrunc.theory.dispersion.lattice_waves import Scan, exact_wave, long_wave, reduced, turns
+from sphtrunc.theory.dispersion.modes import (
+    LONGITUDINAL,
+    TRANSVERSE,
+    Rest,
+    continuous,
+    growth,
+    written,
+)
+from sphtrunc.theory.dispersion.relation import dynamical
 
 CUBIC = kernel("cubic-spline")
 F = Fraction

@@ -1,5 +1,5 @@
-"""γ: exact beside planes; at corners, spheres, cylinders against integration in other coordinates,
-against symmetry, and in the limit of a plane."""
+"""γ: exact beside planes; at corners, spheres and cylinders against integration in other
+coordinates, against symmetry, and in the limit of a plane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sympy import Rational
 from sphtrunc import kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.walls import Wall
-from sphtrunc.theory.gamma import (
+from sphtrunc.theory.walls.gamma import (
     beside_cylinder,
     beside_plane,
     beside_sphere,
@@ -21,7 +21,7 @@ from sphtrunc.theory.gamma import (
     channel_moments,
     in_corner,
 )
-from sphtrunc.theory.walls import cut_moments
+from sphtrunc.theory.walls.moments import cut_moments
 
 R = Rational
 PAIRS = [("cubic-spline", 2), ("cubic-spline", 3), ("wendland-c2", 2), ("quintic-spline", 3)]

@@ -17,8 +17,8 @@ from sphtrunc.kernels.catalogue import names
 from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.operators.h_rules import RULES
 from sphtrunc.operators.operator import Operator
-from sphtrunc.theory.atmosphere import acceleration_errors, omega_slope
-from sphtrunc.theory.variable_h import (
+from sphtrunc.theory.variable_h.atmosphere import acceleration_errors, omega_slope
+from sphtrunc.theory.variable_h.moments import (
     lattice_sums_of,
     limit_moments,
     mean_along,

@@ -21,10 +21,17 @@ from sphtrunc.kernels.catalogue import names
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.walls import GHOSTS, Wall
-from sphtrunc.theory.marginal import ETA, cut_pieces, cut_sum, marginal, moment_pieces, plane
-from sphtrunc.theory.remedies import REMEDIES, remedies
-from sphtrunc.theory.wall_orders import wall_order, wall_response
-from sphtrunc.theory.walls import cut_lattice_sums, cut_moments, wall_lattice_moments
+from sphtrunc.theory.walls.half_space import (
+    ETA,
+    cut_pieces,
+    cut_sum,
+    marginal,
+    moment_pieces,
+    plane,
+)
+from sphtrunc.theory.walls.moments import cut_lattice_sums, cut_moments, wall_lattice_moments
+from sphtrunc.theory.walls.orders import wall_order, wall_response
+from sphtrunc.theory.walls.remedies import REMEDIES, remedies
 
 DEEP = settings().max_examples if settings().max_examples > 1000 else None
 HALF = Fraction(1, 2)

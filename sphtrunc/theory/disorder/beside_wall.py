@@ -17,7 +17,7 @@ from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.disorder.prediction import SECOND_ORDER, Prediction
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, mixing, second_order
-from sphtrunc.theory.walls import wall_lattice_moments
+from sphtrunc.theory.walls.moments import wall_lattice_moments
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -66,15 +66,12 @@ def predict_beside_wall(
     variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
     how = "first-order propagation through the lattice"
     s = Stencil(kernel, kind, dx_over_h, offset, "constant", first=first).s
-    if index.size <= SECOND_ORDER and is_smooth(kernel, operator, s, sigma * float(dx_over_h)):
+    few = mixed is None and index.size <= SECOND_ORDER
+    if few and is_smooth(kernel, operator, s, sigma * float(dx_over_h)):
         how = "second-order propagation through the lattice"
         excess = -1.2 if distribution == "uniform" else 0.0
-        second = second_order(
-            lambda at: propagate(*arguments, at, first)[0],
-            (index.shape[1], index.shape[0]),
-            mixed,
-            excess,
-        )
+        shape = (index.shape[1], index.shape[0])
+        second = second_order(lambda at: propagate(*arguments, at, first)[0], shape, excess)
         variance = {a: max(v + sigma**4 * second[a][1], 0.0) for a, v in variance.items()}
         mean |= {a: m + sigma**2 * second[a][0] for a, m in mean.items()}
     std = {a: v**0.5 for a, v in variance.items()}

@@ -81,13 +81,11 @@ def displaced(
 
     Raises ValueError where the correction is singular at all displacements.
     """
-    at = (kernel, operator) if operator.form == NESTED else (kernel,)
-    stencil = (SecondNeighbours if operator.form == NESTED else Stencil)(
-        *at,
-        kind,
-        dx_over_h,
-        offset,
-        volume,  # type: ignore[arg-type]
+    place = (kind, dx_over_h, offset, volume)
+    stencil: Stencil | SecondNeighbours = (
+        SecondNeighbours(kernel, operator, *place)
+        if operator.form == NESTED
+        else Stencil(kernel, *place)
     )
     around = Around(kernel, operator, kind, dx_over_h, offset, volume, sigma, distribution)
     rows = around.rows_of(stencil.index)

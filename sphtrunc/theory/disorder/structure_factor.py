@@ -176,7 +176,7 @@ class StructureFactor:
         return np.sqrt((self.k**2).sum(axis=0)), self.S
 
     def radial(self, bins: int = 60) -> tuple[Array, Array, Array]:
-        """(kΔx, S, error): means over n modes of a shell, and one standard error, √(Σ|ρ|⁴/2N²)/n, as
+        """(kΔx, S, error): means over n modes of a shell, and a standard error, √(Σ|ρ|⁴/2N²)/n, as
         each |ρ|²/N of a disordered arrangement is exponentially distributed about its S.
 
         Shells widen in proportion to k as far as that leaves at least eight modes in each.

@@ -5,7 +5,7 @@ At distance η from the wall an estimate has the leading errors
     Σ_α c_α h^{|α|−k} A^{(α)},        c_α = (M_α − M_α^exact)/α!,
 
 of the lowest |α| where any is left: −1, 0, 1, 2, … is the order in h. The place of the wall in the
-lattice adds c′_α (Δx/h)^n to M_α. Every coefficient is read off the moments of `theory.walls`, and
+lattice adds c′_α (Δx/h)^n to M_α. Every coefficient is read off the moments of this folder, and
 every remedy but one is an operator of the package; the one is the normalisation by γ = m₀ with the
 terms of the wall that the divergence theorem leaves, where A and its slope are known on it
 (Kulasegaram, Bonet, Lewis & Profit 2004, doi:10.1007/s00466-003-0534-0; Ferrand et al. 2013,
@@ -36,9 +36,9 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.euler_maclaurin import periodic_bernoulli
-from sphtrunc.theory.marginal import cut_sum, plane
-from sphtrunc.theory.wall_orders import slope_at, wall_order, wall_response
-from sphtrunc.theory.walls import cut_moments, in_layers, require
+from sphtrunc.theory.walls.half_space import cut_sum, plane
+from sphtrunc.theory.walls.moments import cut_moments, in_layers, require
+from sphtrunc.theory.walls.orders import slope_at, wall_order, wall_response
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian

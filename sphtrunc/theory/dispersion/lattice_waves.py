@@ -32,7 +32,7 @@ from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.terms import CURVATURE, SLOPE, VALUE
 from sphtrunc.scenes.sites import KINDS, sites, units
-from sphtrunc.theory.brillouin import scale
+from sphtrunc.theory.dispersion.brillouin import scale
 from sphtrunc.theory.lattice_sums import _radial, _shells, real_context
 
 if TYPE_CHECKING:

@@ -49,7 +49,7 @@ from sphtrunc.theory.euler_maclaurin import (
     simple,
 )
 from sphtrunc.theory.lattice_sums import lattice_sums, real_context, rounded
-from sphtrunc.theory.marginal import cut_sum, odd, plane
+from sphtrunc.theory.walls.half_space import cut_sum, odd, plane
 
 #: of which dummy particles take their value
 EXTRAPOLATION = Operator("value", "standard", "shepard")

@@ -32,7 +32,7 @@ from sphtrunc.operators.forces import (
     Force,
 )
 from sphtrunc.scenes.sites import KINDS
-from sphtrunc.theory.lattice_waves import LatticeWaves
+from sphtrunc.theory.dispersion.lattice_waves import LatticeWaves
 
 
 class Tangent:

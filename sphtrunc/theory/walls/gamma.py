@@ -28,9 +28,9 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.theory.lattice_sums import real_context
 from sphtrunc.theory.limit import continuous_sum
-from sphtrunc.theory.marginal import beyond, odd, plane
-from sphtrunc.theory.wall_orders import precise
-from sphtrunc.theory.walls import nodes, settled
+from sphtrunc.theory.walls.half_space import beyond, odd, plane
+from sphtrunc.theory.walls.moments import nodes, settled
+from sphtrunc.theory.walls.orders import precise
 
 Share = Callable[[float], float]  # radius -> the part of the circle, or sphere, beyond the boundary
 

@@ -7,7 +7,6 @@ from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.operators.moments import MultiIndex
-from sphtrunc.theory.remedies import named
 from sphtrunc.theory.typeset import (
     _h,
     _kernel_text,
@@ -21,7 +20,8 @@ from sphtrunc.theory.typeset import (
     _title,
     _wrapped,
 )
-from sphtrunc.theory.wall_derivation import BEYOND
+from sphtrunc.theory.walls.derivation import BEYOND
+from sphtrunc.theory.walls.remedies import named
 
 if TYPE_CHECKING:
     from sympy import Expr

@@ -13,7 +13,7 @@ from sphtrunc.output import write_atomically
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
-    from sphtrunc.study.error_map import ErrorMap
+    from sphtrunc.study.snapshots.error_map import ErrorMap
 
 SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
 
@@ -22,8 +22,8 @@ def write(found: ErrorMap, path: str | Path) -> None:
     """The map in the format that the name of the file says.
 
     .npz and .hdf5 hold `ErrorMap.arrays`, .csv its `columns`, .vtp the lengths of the moment errors
-    and the errors of fields at the particles, .json the summary. Raises ValueError for another name, and where the
-    file cannot be written.
+    and the errors of fields at the particles, .json the summary. Raises ValueError for another
+    name, and where the file cannot be written.
     """
     suffix = Path(path).suffix
     if suffix == ".csv":

@@ -24,10 +24,8 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.forces import PLAIN, REFERENCE, STAGGERED, ArtificialStress, Force
 from sphtrunc.operators.terms import VALUE
 from sphtrunc.scenes.sites import KINDS
-from sphtrunc.theory.brillouin import halves, scale
-from sphtrunc.theory.dispersion import dynamical, require, respond
-from sphtrunc.theory.lattice_sums import real_context
-from sphtrunc.theory.lattice_waves import (
+from sphtrunc.theory.dispersion.brillouin import halves, scale
+from sphtrunc.theory.dispersion.lattice_waves import (
     LatticeWaves,
     Scan,
     exact_wave,
@@ -35,6 +33,8 @@ from sphtrunc.theory.lattice_waves import (
     precise_wave,
     reduced,
 )
+from sphtrunc.theory.dispersion.relation import dynamical, require, respond
+from sphtrunc.theory.lattice_sums import real_context
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

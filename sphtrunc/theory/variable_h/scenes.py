@@ -21,7 +21,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, monomial, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.prediction import Prediction
-from sphtrunc.theory.variable_h import derivatives_of, lattice_sums_of
+from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array

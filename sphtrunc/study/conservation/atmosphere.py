@@ -1,4 +1,4 @@
-"""The isothermal atmosphere on particles: what `sphtrunc.theory.atmosphere` derives, measured."""
+"""The isothermal atmosphere on particles: what `theory.variable_h.atmosphere` derives, measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ def atmosphere_errors(kernel: Kernel, dim: int, epsilon: float, dx: float) -> di
     epsilon: h/L at the target; dx: spacing over h there; h ∝ e^{x/(dL)}, P = c²ρ, ρ the summation
 
     Densities depend on x alone and are summed once for each plane. Raises ValueError where supports
-    have no end (see `sphtrunc.theory.atmosphere`) or there would be more than a million particles.
+    have no end (see `sphtrunc.theory.variable_h.atmosphere`) or there would be more than a million
+    particles.
     """
     support = float(kernel.support)
     if not 0.0 < epsilon * support < 0.25 * dim:

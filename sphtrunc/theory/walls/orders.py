@@ -22,8 +22,16 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.lattice_sums import real_context
-from sphtrunc.theory.marginal import ETA, cut_sum, has_pole, odd, per_distance, plane, plane_pieces
-from sphtrunc.theory.walls import HalfSpace, in_layers, moments_of, settled
+from sphtrunc.theory.walls.half_space import (
+    ETA,
+    cut_sum,
+    has_pole,
+    odd,
+    per_distance,
+    plane,
+    plane_pieces,
+)
+from sphtrunc.theory.walls.moments import HalfSpace, in_layers, moments_of, settled
 
 MOST = 6  # the highest power of Δx/h that is looked at
 

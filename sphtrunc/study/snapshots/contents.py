@@ -13,7 +13,7 @@ import numpy as np
 from sphtrunc.scenes.snapshots.formats import read
 from sphtrunc.scenes.snapshots.snapshot import Snapshot
 from sphtrunc.scenes.spacing import Spacing, spacing, tree
-from sphtrunc.study.saved_sums import (
+from sphtrunc.study.snapshots.saved_sums import (
     FITS,
     FORCES_FIT,
     Identification,

@@ -27,7 +27,7 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.scenes.jittered import Jittered, jittered
 from sphtrunc.scenes.lattice import Lattice, lattice
 from sphtrunc.scenes.particles import particles
-from sphtrunc.study.force_errors import (
+from sphtrunc.study.conservation.force_errors import (
     Wave,
     displaced,
     measured_errors,

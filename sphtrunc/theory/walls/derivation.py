@@ -16,10 +16,9 @@ from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.walls import PLACES, Wall
-from sphtrunc.theory.marginal import ETA, beyond_pieces, cut_pieces, cut_sum
 from sphtrunc.theory.orders import Orders
-from sphtrunc.theory.wall_orders import wall_order, wall_response
-from sphtrunc.theory.walls import (
+from sphtrunc.theory.walls.half_space import ETA, beyond_pieces, cut_pieces, cut_sum
+from sphtrunc.theory.walls.moments import (
     HalfSpace,
     cut_lattice_sums,
     cut_moments,
@@ -29,6 +28,7 @@ from sphtrunc.theory.walls import (
     wall_lattice_moments,
     wall_terms,
 )
+from sphtrunc.theory.walls.orders import wall_order, wall_response
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -44,7 +44,7 @@ BEYOND = {
 
 @dataclass(frozen=True)
 class WallView:
-    """What a derivation beside a wall has besides: see `sphtrunc.theory.walls`.
+    """What a derivation beside a wall has besides: see `sphtrunc.theory.walls.moments`.
 
     wall: where it is, None where η is left open
     at: where it lies in the lattice, in words, None without a lattice

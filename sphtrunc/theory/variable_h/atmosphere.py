@@ -1,7 +1,7 @@
 """An isothermal atmosphere, ρ = e^{−x/L}, P = c²ρ, h ∝ ρ^{−1/d}: the error of six rules, exactly.
 
 Everything is a power series in ε = h/L: the densities and Ω of the neighbours, their h, and the
-moments of every rule (`sphtrunc.theory.variable_h`). The acceleration c²/L comes out with an error
+moments of every rule (`theory.variable_h.moments`). The acceleration c²/L comes out with an error
 of order ε², in units of c²/L: a fraction times μ₂ = R₂/d for each rule. Every form converges; which
 is best depends on the dimension. Hernquist (1993, doi:10.1086/172587) found the terms of ∂W/∂h to
 matter at 10 %: that is a matter of energy, not of the order of the acceleration.
@@ -24,7 +24,7 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.h_rules import FORCE_RULES
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.terms import Key
-from sphtrunc.theory.variable_h import orders
+from sphtrunc.theory.variable_h.moments import orders
 
 _RULE_OF = {"a": "gather", "b": "scatter", "mean": "mean"}
 _ORDER = 3  # in ε: the acceleration itself is of order 1, its error of order 3
