@@ -70,11 +70,8 @@ def predict_beside_wall(
     if few and is_smooth(kernel, operator, s, sigma * float(dx_over_h)):
         how = "second-order propagation through the lattice"
         excess = -1.2 if distribution == "uniform" else 0.0
-        second = second_order(
-            lambda at: propagate(*arguments, at, first)[0],
-            (index.shape[1], index.shape[0]),
-            excess,
-        )
+        shape = (index.shape[1], index.shape[0])
+        second = second_order(lambda at: propagate(*arguments, at, first)[0], shape, excess)
         variance = {a: max(v + sigma**4 * second[a][1], 0.0) for a, v in variance.items()}
         mean |= {a: m + sigma**2 * second[a][0] for a, m in mean.items()}
     std = {a: v**0.5 for a, v in variance.items()}
