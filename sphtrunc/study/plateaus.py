@@ -176,11 +176,8 @@ def findings(
         ]
     first, *others = found
     if first.problem == problem and first.wave == 1:
-        agree = (
-            f"Measured and predicted agree within a factor {first.widest:.3g}: this explains the"
-            " runs."
-        )
-        return [agree, *_parts(problem, runs)]
+        agree = f"Measured and predicted agree within a factor {first.widest:.3g}"
+        return [f"{agree}: this explains the runs.", *_parts(problem, runs)]
     known = f"{problem.sigma:g}" if first.wave == 1 else "λ"
     said = [
         f"{_apart(runs)}; {first.name} in place of {known} would explain that."

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 CUT = 4.0  # standard deviations, which no Gaussian displacement passes
 CLOSER = 5.0  # standard deviations by which two particles come closer to each other at most
 WORK = 1 << 23  # terms of all draws together, about a second
-FEWEST, MOST = 32, 1024  # pairs of draws
+FEWEST, MOST = 32, 4096  # pairs of draws
 ROUNDED = 2.0**10 * UNIT  # of an estimate: what is smaller is not looked at
 _BLOCK = 1 << 20  # terms at a time
 ENOUGH = 0.01  # relative, to which an rms need not be known better
@@ -81,12 +81,11 @@ def displaced(
 
     Raises ValueError where the correction is singular at all displacements.
     """
-    place = (kind, dx_over_h, offset, volume)
-    stencil: Stencil | SecondNeighbours = (
-        SecondNeighbours(kernel, operator, *place)
-        if operator.form == NESTED
-        else Stencil(kernel, *place)
-    )
+    stencil: Stencil | SecondNeighbours
+    if operator.form == NESTED:
+        stencil = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
+    else:
+        stencil = Stencil(kernel, kind, dx_over_h, offset, volume)
     around = Around(kernel, operator, kind, dx_over_h, offset, volume, sigma, distribution)
     rows = around.rows_of(stencil.index)
     slopes = slopes_of(stencil, operator, signals)
