@@ -34,8 +34,8 @@ from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
-from sphtrunc.theory.graded_spacing import graded_moments
 from sphtrunc.theory.limit import continuous_sum
+from sphtrunc.theory.variable_h.graded_spacing import graded_moments
 from sphtrunc.theory.variable_h.scenes import predict_varying
 
 

@@ -25,7 +25,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.theory.euler_maclaurin import euler_maclaurin
 from sphtrunc.theory.limit import continuous_sum
-from sphtrunc.theory.varying_scenes import term_values
+from sphtrunc.theory.variable_h.scenes import term_values
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
