@@ -394,7 +394,7 @@ def test_exponents_two_sided(name: str, alpha: int, slope: float, tolerance: flo
         ({"at": "nowhere"}, "at: got 'nowhere', expected random or particles"),
         ({"volume": "cell"}, "volume: no prediction from a structure factor"),
         ({"operator": Operator("laplacian", "nested")}, "form: no prediction"),
-        ({"name": "polynomial:0", "operator": Operator("gradient")}, "jumps"),
+        ({"name": "polynomial:0", "operator": Operator("laplacian", "difference")}, "jumps"),
     ],
 )
 def test_what_is_not_known_is_refused(options: dict[str, Any], says: str) -> None:
