@@ -23,14 +23,20 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.parse import kernel as kernel
     from sphtrunc.operators.moments import Moments as Moments
     from sphtrunc.operators.operator import Operator as Operator
+    from sphtrunc.scenes.boxes import box as box
     from sphtrunc.scenes.graded import graded as graded
     from sphtrunc.scenes.jittered import jittered as jittered
+    from sphtrunc.scenes.lattice import beside_wall as beside_wall
     from sphtrunc.scenes.lattice import lattice as lattice
     from sphtrunc.scenes.particles import particles as particles
+    from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
+    from sphtrunc.study.snapshots.error_map import error_map as error_map
+    from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
     from sphtrunc.theory.deriving import derive as derive
+    from sphtrunc.theory.walls.remedies import remedies as remedies
 
 # name: module; imported on first use, so that `import sphtrunc` costs nothing
 _PUBLIC = {
@@ -39,8 +45,11 @@ _PUBLIC = {
     "Measurement": "experiment.measurement",
     "Moments": "operators.moments",
     "Operator": "operators.operator",
+    "beside_wall": "scenes.lattice",
+    "box": "scenes.boxes",
     "compare": "study.comparison",
     "derive": "theory.deriving",
+    "error_map": "study.snapshots.error_map",
     "field": "experiment.fields",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
@@ -51,7 +60,10 @@ _PUBLIC = {
     "particles": "scenes.particles",
     "polynomial": "experiment.fields",
     "predict_error": "study.comparison",
+    "remedies": "theory.walls.remedies",
     "sinusoid": "experiment.fields",
+    "structure_factor": "study.structure",
+    "snapshot": "scenes.snapshots.formats",
     "weights": "experiment.matrices",
 }
 

@@ -25,19 +25,23 @@ def assert_kernel(
     function: Callable[..., Any] | str,
     kernel: Kernel | str,
     dim: int,
-    signature: str = "w(q)",
+    signature: str | None = None,
     derivative: Callable[..., Any] | str | None = None,
     support: object = None,
+    second_derivative: Callable[..., Any] | str | None = None,
 ) -> Audit:
-    """Raise AssertionError unless the callable is that kernel, normalised, with that derivative.
+    """Raise AssertionError unless the callable is that kernel, normalised, with those derivatives.
 
-    support: of the callable in units of its h, as a number, "1" or "5/2"; None: any. The message is
-    the whole audit. Returns the audit, for its other findings.
+    signature: "w(q)", "W(r,h)", …; None: by the names of the arguments. Of callables that take h
+        the powers of h are checked, in W and in the derivatives
+    support: of the callable in units of its h, as a number, "1" or "5/2"; None: any
+
+    The message is the whole audit. Returns the audit, for its other findings.
 
     Raises ValueError where the callable cannot be used at all.
     """
     wanted = parse_kernel(kernel)
-    report = audit(function, dim, signature, derivative)
+    report = audit(function, dim, signature, derivative, second_derivative=second_derivative)
     problems = [f"{f.kind}: {f.message}" for f in report.faults]
     if report.kernel != wanted.name and not _same(report.kernel, wanted):
         problems.append(f"it is {report.kernel or 'not recognised'}, not {wanted.name}")

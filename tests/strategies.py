@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, product
 
 from hypothesis import strategies as st
+from oracle import Shape, added, integral, multiplied
 
 from sphtrunc import Kernel
+from sphtrunc.operators import operator as tables
 from sphtrunc.operators.operator import Operator
 
 #: operators of every sort on scalar fields
@@ -28,6 +31,18 @@ OPERATORS = [
     Operator("hessian", "difference"),
     Operator("laplacian", "nested"),
 ]
+
+
+def operators(dim: int) -> list[Operator]:
+    """Every operator that there is in this dimension: all that is not refused."""
+    found = []
+    for name, (_, forms) in tables.OPERATORS.items():
+        for form, correction in product(forms, tables.CORRECTIONS):
+            with suppress(ValueError):
+                operator = Operator(name, form, correction)
+                operator.components(dim)
+                found.append(operator)
+    return found
 
 
 def rationals(low: int = -4, high: int = 4, denominator: int = 12) -> st.SearchStrategy[Fraction]:
@@ -55,9 +70,7 @@ def knot_lists(draw: st.DrawFn, most: int = 6) -> list[Fraction]:
 
 
 @st.composite
-def shapes(
-    draw: st.DrawFn, degree: int = 9, most: int = 6
-) -> tuple[list[Fraction], list[list[Fraction]]]:
+def shapes(draw: st.DrawFn, degree: int = 9, most: int = 6) -> Shape:
     """Knots and coefficients of a shape whose 1D, 2D and 3D integrals do not vanish.
 
     Three families: independent pieces (jumps everywhere), truncated powers Σ c_j (k_j − q)₊^n
@@ -88,11 +101,11 @@ def shapes(
             for piece in pieces[: j + 1]:
                 for i, value in enumerate(power):
                     piece[i] += c * value
-    if not all(_integral(knots, pieces, d) for d in (1, 2, 3)):
+    if not all(integral(Shape(knots, pieces), d) for d in range(3)):
         pieces[0] = [pieces[0][0] + Fraction(101), *pieces[0][1:]]
-    if not all(_integral(knots, pieces, d) for d in (1, 2, 3)):
+    if not all(integral(Shape(knots, pieces), d) for d in range(3)):
         knots, pieces = [Fraction(0), Fraction(1)], [[Fraction(1)]]
-    return knots, pieces
+    return Shape(knots, pieces)
 
 
 @st.composite
@@ -102,9 +115,7 @@ def kernels(draw: st.DrawFn, degree: int = 9, most: int = 6) -> Kernel:
 
 
 @st.composite
-def positive_shapes(
-    draw: st.DrawFn, degree: int = 9, most: int = 4
-) -> tuple[list[Fraction], list[list[Fraction]]]:
+def positive_shapes(draw: st.DrawFn, degree: int = 9, most: int = 4) -> Shape:
     """Shapes that are positive inside the support: Bernstein polynomials with weights >= 0.
 
     Weights of zero at either end let a piece vanish there to any order.
@@ -129,30 +140,7 @@ def positive_shapes(
                 term = multiplied(term, [b, Fraction(-1)])
             piece = added(piece, term)
         pieces.append(piece)
-    return knots, pieces
-
-
-def multiplied(p: list[Fraction], r: list[Fraction]) -> list[Fraction]:
-    product = [Fraction(0)] * (len(p) + len(r) - 1)
-    for i, a in enumerate(p):
-        for j, b in enumerate(r):
-            product[i + j] += a * b
-    return product
-
-
-def added(p: list[Fraction], r: list[Fraction]) -> list[Fraction]:
-    longer, shorter = (p, r) if len(p) >= len(r) else (r, p)
-    return [c + (shorter[i] if i < len(shorter) else 0) for i, c in enumerate(longer)]
-
-
-def _integral(knots: list[Fraction], pieces: list[list[Fraction]], dim: int) -> Fraction:
-    total = Fraction(0)
-    for a, b, piece in zip(knots, knots[1:], pieces, strict=False):
-        total += sum(
-            (c * (b ** (i + dim) - a ** (i + dim)) / (i + dim) for i, c in enumerate(piece)),
-            Fraction(0),
-        )
-    return total
+    return Shape(knots, pieces)
 
 
 FRAGMENTS = [

@@ -23,6 +23,10 @@ OURS = [
     "05-three-dimensions",
     "06-second-derivatives",
     "07-tuning",
+    "08-snapshots",
+    "10-walls",
+    "11-stability",
+    "12-conservation",
 ]
 
 

@@ -1,4 +1,5 @@
-"""Dual numbers: floats that carry their derivatives with respect to every displacement."""
+"""Dual numbers: numbers that carry their derivatives, with respect to every displacement or to one
+thing, over floats or exactly over a field."""
 
 from __future__ import annotations
 
@@ -10,18 +11,18 @@ if TYPE_CHECKING:
 
 
 class Dual:
-    """A number with its derivative with respect to every displacement: value + slope·u."""
+    """A number with its derivatives: value + slope·u, u² = 0."""
 
     __slots__ = ("slope", "value")
     __array_priority__ = 1000
 
-    def __init__(self, value: float, slope: Any) -> None:
+    def __init__(self, value: Any, slope: Any) -> None:
         self.value, self.slope = value, slope
 
     def __add__(self, other: Any) -> Dual:
         if isinstance(other, Dual):
             return Dual(self.value + other.value, self.slope + other.slope)
-        return Dual(self.value + float(other), self.slope)
+        return Dual(self.value + other, self.slope)
 
     __radd__ = __add__
 
@@ -39,7 +40,7 @@ class Dual:
             return Dual(
                 self.value * other.value, self.value * other.slope + other.value * self.slope
             )
-        return Dual(self.value * float(other), self.slope * float(other))
+        return Dual(self.value * other, self.slope * other)
 
     __rmul__ = __mul__
 
@@ -47,10 +48,16 @@ class Dual:
         if isinstance(other, Dual):
             ratio = self.value / other.value
             return Dual(ratio, (self.slope - ratio * other.slope) / other.value)
-        return Dual(self.value / float(other), self.slope / float(other))
+        return Dual(self.value / other, self.slope / other)
+
+    def __eq__(self, other: object) -> bool:
+        y = other if isinstance(other, Dual) else Dual(other, 0)
+        return bool(self.value == y.value and self.slope == y.slope)
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __rtruediv__(self, other: Any) -> Dual:
-        ratio = float(other) / self.value
+        ratio = other / self.value
         return Dual(ratio, -ratio / self.value * self.slope)
 
 

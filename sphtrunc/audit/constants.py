@@ -6,8 +6,6 @@ decimal of five or more significant digits stands for every number that rounds t
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -15,10 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import mpmath
-from sympy import Expr, Integer, Rational, pi, sqrt
-
-from sphtrunc.kernels import catalogue
-from sphtrunc.kernels.kernel import Kernel
+from sympy import Expr, Integer, Rational, Symbol, pi, sqrt
 
 if TYPE_CHECKING:
     from lark import Lark
@@ -28,6 +23,7 @@ MAX_EXPONENT = 64
 MAX_BITS = 2048
 ROUNDED_DIGITS = 5  # a decimal with so many significant digits was rounded by its author
 DIGITS = 50  # working precision of comparisons
+_H = Symbol("h", positive=True)
 
 _GRAMMAR = r"""
     ?start: sum
@@ -37,6 +33,7 @@ _GRAMMAR = r"""
     exponent: SIGN? NUMBER | "(" sum ")"
     ?atom: NUMBER -> number
         | ("pi" | "PI" | "Pi") -> pi
+        | "h" -> length
         | "sqrt" "(" sum ")" -> root
         | "(" sum ")"
     SIGN: "+" | "-"
@@ -49,15 +46,19 @@ _GRAMMAR = r"""
 
 @dataclass(frozen=True)
 class Constant:
-    """An exact value and how far, relative to it, the number that was meant may lie from it."""
+    """An exact value and how far, relative to it, the number that was meant may lie from it.
+
+    power_of_h: of the smoothing length beside it, as in "1/(pi*h^3)"; None where there is none
+    """
 
     value: Expr
     error: Fraction
     text: str
+    power_of_h: Rational | None = None
 
 
 def constant(text: str) -> Constant:
-    """The constant that a text says: '3/(359*pi)', '0.0026599711937', 'pi^(-3/2)'.
+    """The constant that a text says: '3/(359*pi)', '0.0026599711937', 'pi^(-3/2)', '1/(pi*h^3)'.
 
     >>> constant("3/(359*pi)").value
     3/(359*pi)
@@ -78,7 +79,13 @@ def constant(text: str) -> Constant:
             f"constant: {shown} is not a number; write a decimal or an expression in pi,"
             " such as 3/(359*pi), 0.31831 or pi^(-3/2)"
         ) from None
-    return Constant(value, error, text.strip())
+    if not value.has(_H):
+        return Constant(value, error, text.strip())
+    rest, length = value.as_independent(_H)
+    base, power = length.as_base_exp()
+    if base != _H or not power.is_Rational:
+        raise ValueError(f"constant: {shown}: h may only be a factor, as in 1/(pi*h^3)")
+    return Constant(rest, error, text.strip(), power)
 
 
 def _value(tree: Any) -> tuple[Expr, Fraction]:
@@ -97,6 +104,8 @@ def _value(tree: Any) -> tuple[Expr, Fraction]:
             return exact, max(abs(ulp / Fraction(decimal)), Fraction(1, 2**51))
         case ("pi",):
             return pi, Fraction(0)
+        case ("length",):
+            return _H, Fraction(0)
         case ("root", inner):
             value, error = _value(inner)
             if not value.is_positive:
@@ -126,8 +135,10 @@ def _value(tree: Any) -> tuple[Expr, Fraction]:
             for sign, term in terms:
                 value, error = _value(term)
                 total = total + value if sign == "+" else total - value
-                absolute += abs(number(value)) * mpmath.mpf(error.numerator) / error.denominator
-            size = abs(number(total))
+                absolute += (
+                    abs(number(value.subs(_H, 1))) * mpmath.mpf(error.numerator) / error.denominator
+                )
+            size = abs(number(total.subs(_H, 1)))
             if not size:
                 return Integer(0), Fraction(0)
             return _capped(total), Fraction(float(absolute / size))
@@ -141,10 +152,18 @@ def _capped(value: Expr) -> Expr:
     return value
 
 
-def number(value: Expr) -> Any:
-    """The value of an exact expression as an mpmath number of 50 digits."""
+def number(value: Any) -> Any:
+    """The value of an exact expression, or of a number, as an mpmath number of 50 digits."""
     with mpmath.workdps(DIGITS):
-        return mpmath.mpf(value.evalf(DIGITS + 5))
+        return mpmath.mpf(value.evalf(DIGITS + 5) if isinstance(value, Expr) else value)
+
+
+def exact_or_float(value: float) -> Any:
+    """The fraction of denominator up to 64 that a float is, or the float."""
+    simple = Fraction(value).limit_denominator(64)
+    if float(simple) == value:
+        return Rational(simple.numerator, simple.denominator)
+    return value
 
 
 def simplest_between(low: Fraction, high: Fraction) -> Fraction:
@@ -195,153 +214,42 @@ def recognise(value: Any, error: float) -> Expr | None:
     return best[1] if best else None
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A constant that the catalogue derives, beside the number that was asked about.
+def slip_of_pen(wrong: Fraction, right: Fraction) -> tuple[int, int] | None:
+    """The right and the wrong whole number, where two fractions differ by one of them alone.
 
-    ratio: number / constant, exact where it has a simple form; match: they agree within the digits.
+    >>> slip_of_pen(Fraction(96, 1189), Fraction(96, 1199))
+    (1199, 1189)
     """
-
-    kernel: str
-    dim: int
-    convention: str
-    meaning: str
-    exact: Expr
-    ratio: Expr | float
-    match: bool
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What a number is: its exact form, if it has one, and the constants equal or near to it."""
-
-    text: str
-    value: float
-    form: Expr | None
-    candidates: tuple[Candidate, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "schema": "sphtrunc.identify/1",
-            "text": self.text,
-            "value": self.value,
-            "form": None if self.form is None else str(self.form),
-            "candidates": [
-                {**vars(c), "exact": str(c.exact), "ratio": str(c.ratio)} for c in self.candidates
-            ],
-        }
-
-    def to_json(self) -> str:
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False)
-
-    def to_text(self) -> str:
-        form = "no simple exact form" if self.form is None else str(self.form)
-        lines = [f"{self.text} = {form}" if form != self.text else self.text]
-        if not self.candidates:
-            lines.append("  no constant of the catalogue is this or near it")
-        for c in self.candidates:
-            what = f"{c.kernel} in {c.dim}D, {c.convention}, {c.meaning}"
-            lines.append(
-                f"  is    {c.exact}: {what}"
-                if c.match
-                else f"  near  {c.exact}: {what}; ratio {c.ratio}"
-            )
-        return "\n".join(lines)
-
-
-def identify(text: str, most: int = 12) -> Identification:
-    """Recognise a kernel's constant: which kernel, dimension and convention it belongs to.
-
-    Constants are those of W = c h^{-d} w(r/h) with w as in the catalogue ("constant") or scaled to
-    w(0) = 1 ("value at the origin") or to unit integral in 1D; h is the
-    catalogue's smoothing length or the support radius.
-
-    Raises ValueError for a text that is not a constant, and for zero or a negative one.
-    """
-    read = constant(text)
-    value = number(read.value)
-    if not value > 0:
-        raise ValueError(f"constant: got {read.text!r}, expected a positive number")
-    error = float(read.error)
-    if read.value.is_Rational and not error and "." in text:
-        digits = len(text.split("e")[0].strip("0.").replace(".", "")) or 1
-        error = 0.5 * 10.0 ** -(digits - 1) if digits > 3 else 0.0
-    form = recognise(value, error) if read.value.is_Rational else read.value
-    rows = []
-    for name, dim, convention, meaning, exact in known_constants():
-        with mpmath.workdps(DIGITS):
-            ratio = value / number(exact)
-            match = bool(abs(ratio - 1) <= max(error, 1e-40))
-            near = float(abs(ratio - 1))
-        exactly = read.value if error == 0 else form
-        found = Integer(1) if match else None
-        if found is None and exactly is not None:
-            found = _rational_times_pi(exactly / exact)
-        elif found is None:
-            found = recognise(ratio, error)
-        height = _height(found)
-        if match or height <= 64 or (near < 0.05 and height <= 10**6) or near < 1e-3:
-            shown = float(ratio) if found is None else found
-            odd = 0.0 if match else min(near, 1.0) * 100 + height / 1e3
-            rows.append((odd, Candidate(name, dim, convention, meaning, exact, shown, match)))
-    rows.sort(key=lambda row: row[0])
-    if any(c.match for _, c in rows):
-        rows = [row for row in rows if row[1].match]
-    return Identification(read.text, float(value), form, tuple(c for _, c in rows[:most]))
-
-
-def _rational_times_pi(value: Expr | None) -> Expr | None:
-    """The value itself if it is a rational times a power of pi."""
-    if value is None:
-        return None
-    rest = value / value.as_coeff_Mul()[0]
-    return value if rest == 1 or rest == pi or (rest.is_Pow and rest.base == pi) else None
-
-
-def _height(value: Expr | None) -> float:
-    """How complicated the factor is: numerator times denominator, 8 for each power of pi."""
-    if value is None:
-        return float("inf")
-    factor, rest = value.as_coeff_Mul()
-    return float(abs(factor.p) * factor.q) * (1 if rest == 1 else 8)
-
-
-@cache
-def known_constants() -> tuple[tuple[str, int, str, str, Expr], ...]:
-    """(kernel, dim, convention, meaning, exact constant) of everything in the catalogue."""
-    return tuple(_known())
-
-
-def _known() -> Iterator[tuple[str, int, str, str, Expr]]:
-    seen: dict[Kernel, str] = {}
-    for name in catalogue.names():
-        kernel = catalogue.named(name)
-        if kernel in seen:
-            continue
-        seen[kernel] = name
-        top = kernel.pieces[0].eval(0)
-        for dim in (1, 2, 3):
-            sigma = kernel.normalisation(dim)
-            for convention, factor in (
-                (f"support {kernel.support}h", Integer(1)),
-                ("support 1h", kernel.support**dim),
-            ):
-                if convention == "support 1h" and kernel.support == 1:
-                    continue
-                yield name, dim, convention, "constant", sigma * factor
-                if dim > 1 and kernel.normalisation(1) != 1:
-                    unit = sigma * factor / kernel.normalisation(1)
-                    yield name, dim, convention, "constant for a shape of unit 1D integral", unit
-                if top != 1:
-                    yield name, dim, convention, "value at the origin", sigma * factor * top
-    for dim in (1, 2, 3):
-        yield "gaussian", dim, "exp(-q^2)", "constant", pi ** Rational(-dim, 2)
-    for dim, exact in (
-        (1, Rational(1, 6)),
-        (2, pi / (3 * pi**2 - 16)),
-        (3, pi / (4 * pi**2 - 30)),
+    for a, b, c, d in (
+        (right.numerator, right.denominator, wrong.numerator, wrong.denominator),
+        (right.denominator, right.numerator, wrong.denominator, wrong.numerator),
     ):
-        yield "double-cosine", dim, "support 1h", "constant", exact
+        # over the same numerator, or under the same denominator, b became d
+        if a % c == 0 and alike(b, d * (a // c)):
+            return b, d * (a // c)
+        if c % a == 0 and alike(b * (c // a), d):
+            return b * (c // a), d
+    return None
+
+
+def alike(a: int, b: int) -> bool:
+    """Whether whole numbers of two and more digits differ by one digit, a swap or a lost digit.
+
+    >>> alike(1199, 1189), alike(478, 487), alike(12, 120), alike(19, 30)
+    (True, True, True, False)
+    """
+    left, right = str(abs(int(a))), str(abs(int(b)))
+    if len(left) == len(right):
+        wrong = [i for i, (x, y) in enumerate(zip(left, right, strict=True)) if x != y]
+        swapped = len(wrong) == 2 and wrong[1] == wrong[0] + 1 and left[wrong[0]] == right[wrong[1]]
+        swapped = swapped and left[wrong[1]] == right[wrong[0]]
+        return len(left) > 1 and (len(wrong) == 1 or swapped)
+    short, long = sorted((left, right), key=len)
+    return (
+        len(short) > 1
+        and len(long) - len(short) == 1
+        and any(long[:i] + long[i + 1 :] == short for i in range(len(long)))
+    )
 
 
 @cache
@@ -375,6 +283,9 @@ def _parser() -> Lark:
 
         def pi(self, _: list[Any]) -> Any:
             return ("pi",)
+
+        def length(self, _: list[Any]) -> Any:
+            return ("length",)
 
         def root(self, children: list[Any]) -> Any:
             return ("root", children[0])

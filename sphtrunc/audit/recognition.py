@@ -7,7 +7,6 @@ of writing the kernel, plus what the table leaves open, plus what the support le
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -16,13 +15,16 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Expr, Rational, pi, sqrt
+from sympy import Expr, Poly, Rational
 
 from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.audit.analytic import ANALYTIC, Analytic
 from sphtrunc.audit.constants import DIGITS, number
+from sphtrunc.audit.forms import LENGTHS
 from sphtrunc.audit.reconstruction import fixed, magnitudes, reconstruct, values
 from sphtrunc.audit.samples import DOUBLE, SINGLE, Samples, node_spacing
 from sphtrunc.kernels import catalogue
+from sphtrunc.kernels.conventions import half_width, lengths
 from sphtrunc.kernels.kernel import Kernel
 
 Array = NDArray[np.floating[Any]]
@@ -32,52 +34,6 @@ TINY = {DOUBLE: 2.0**-1022, SINGLE: 2.0**-126}  # the least normal numbers: belo
 MOST_NOISE = 2e-3  # of the value at the origin: rounding that leaves room for other kernels
 MOST_ERROR = 5e-2  # relative, of the amplitude: a bound wider than that agrees with anything
 ALIKE = 0.03  # how far apart two profiles may be for a full comparison
-
-
-@dataclass(frozen=True)
-class Analytic:
-    """A kernel that is no polynomial: its shape on [0, end], and σ_d = 1/∫ over that range."""
-
-    name: str
-    shape: Callable[[Any], Any]  # with NumPy functions; q in units of the smoothing length
-    slope: Callable[[Any], Any]
-    end: float
-    normalisation: Callable[[int], Expr]
-    source: str
-
-
-_YANG = "Yang, Peng & Liu (2014) doi:10.1016/j.apm.2013.12.001"
-ANALYTIC = {
-    a.name: a
-    for a in (
-        Analytic(
-            "gaussian",
-            lambda q: np.exp(-q * q),
-            lambda q: -2 * q * np.exp(-q * q),
-            math.inf,
-            lambda dim: pi ** Rational(-dim, 2),
-            "Gingold & Monaghan (1977) doi:10.1093/mnras/181.3.375",
-        ),
-        Analytic(
-            "double-cosine",
-            lambda u: 4 * np.cos(np.pi * u) + np.cos(2 * np.pi * u) + 3,
-            lambda u: -np.pi * (4 * np.sin(np.pi * u) + 2 * np.sin(2 * np.pi * u)),
-            1.0,
-            lambda dim: {1: Rational(1, 6), 2: pi / (3 * pi**2 - 16), 3: pi / (4 * pi**2 - 30)}[
-                dim
-            ],
-            _YANG,
-        ),
-        Analytic(
-            "cosine",
-            lambda u: 1 + np.cos(np.pi * u),
-            lambda u: -np.pi * np.sin(np.pi * u),
-            1.0,
-            lambda dim: {1: Rational(1, 2), 2: pi / (pi**2 - 4), 3: 3 * pi / (4 * pi**2 - 24)}[dim],
-            "Hann window; elementary integral",
-        ),
-    )
-}
 
 
 @dataclass(frozen=True)
@@ -98,29 +54,40 @@ class Match:
     integral_error: float
     unit: float
     written: Kernel | None = None  # as its author wrote it, where that is known
+    whole: Match | None = None  # the kernel that goes on, where the support is cut off
     spacing: float = 0.0  # of the nodes, where the values are interpolated linearly between them
 
     @property
     def name(self) -> str:
         return self.shape.name
 
-    def slope(self, q: Array) -> tuple[Array, Array]:
-        """dw/dq of the shape at q, and the rounding it may carry."""
-        if isinstance(self.shape, Analytic):
-            value = self.amplitude * self.scale * self.shape.slope(q * self.scale)
-            value = np.where(q < self.support, value, 0)
-            size = abs(self.amplitude * self.scale) * (1 + np.abs(q * self.scale)) * 64
-            return value, 2 * self.unit * size
-        kernel, factor = self.shape, self.amplitude * self.scale
-        pieces = kernel.derivative()
+    def derivative(self, q: Array, order: int = 1) -> tuple[Array, Array]:
+        """The derivative of W at q, of order 0, 1 or 2, and the rounding it may carry."""
+        factor = self.amplitude * self.scale**order
         inside = q < self.support
-        points = fixed(q[inside], Fraction(self.support) / fraction(kernel.support))
         value, size = np.zeros_like(q), np.zeros_like(q)
+        if isinstance(self.shape, Analytic):
+            function = (self.shape.shape, self.shape.slope, self.shape.bend)[order]
+            x = q[inside] * self.scale
+            value[inside] = factor * function(x)
+            size[inside] = np.abs(factor) * (1 + x**order) * 64
+            return value, 2 * self.unit * size
+        kernel, pieces = self.shape, derived(self.shape, order)
+        points = fixed(q[inside], Fraction(self.support) / fraction(kernel.support))
         value[inside] = factor * values(kernel.knots, pieces, points)
         if any(not p.is_zero for p in pieces):
             slope = Kernel(kernel.knots, pieces)
             size[inside] = np.abs(factor) * magnitudes(slope, q[inside] * self.scale)
         return value, 2 * (4 * kernel.degree + 16) * self.unit * size
+
+
+@cache
+def derived(kernel: Kernel, order: int) -> tuple[Poly, ...]:
+    """The pieces of the derivative of that order."""
+    pieces = kernel.pieces
+    for _ in range(order):
+        pieces = tuple(p.diff() for p in pieces)
+    return pieces
 
 
 def recognise_samples(samples: Samples, dim: int) -> Match | None:
@@ -252,40 +219,69 @@ def _matched(
     return None
 
 
+def cut_off(samples: Samples, dim: int) -> Match | None:
+    """The catalogue kernel that goes on beyond the last value, if there is one; `whole` is it.
+
+    Its support may be any that a smoothing length gives it (see `conventions`).
+    """
+    low, high = samples.support
+    if samples.w[0] == 0 or not math.isfinite(high):
+        return None
+    keep = samples.q <= low
+    inside = replace(samples, q=samples.q[keep], w=samples.w[keep], error=samples.error[keep])
+    few = thinned(inside)
+    found: list[Match] = []
+    for kernel, profile_ in profiles():
+        for _, support in conventions(kernel, dim):
+            if not high < support * (1 - 1e-9):
+                continue
+            near = few.q <= GRID[-1] * support
+            seen = np.interp(few.q[near], GRID * support, profile_) * few.w[0]
+            if np.max(np.abs(seen - few.w[near])) > ALIKE * abs(few.w[0]):
+                continue
+            for unit in sorted({samples.unit, SINGLE}):
+                if compare(kernel, few, support, 2 * DOUBLE, dim, unit) is not None:
+                    whole = compare(kernel, inside, support, 2 * DOUBLE, dim, unit)
+                    found += [whole] if whole is not None else []
+                    break
+    if not found:
+        return None
+    whole = min(found, key=lambda match: (match.unit, match.name))
+    return shortened(replace(whole, known=True), nice(high, 64 * DOUBLE), dim)
+
+
+def shortened(whole: Match, end: float, dim: int) -> Match:
+    """The same kernel up to `end`, in its author's h, and nothing beyond."""
+    assert isinstance(whole.shape, Kernel)
+    kernel = whole.shape
+    ratio = Fraction(whole.support) / fraction(kernel.support)
+    last = Fraction(end) / ratio
+    at = Rational(last.numerator, last.denominator)
+    knots = [k for k in kernel.knots if k < at]
+    short = Kernel([*knots, at], kernel.pieces[: len(knots)], name=kernel.name)
+    part = kernel.normalisation(dim) / short.normalisation(dim)
+    integral = whole.integral * (part if isinstance(whole.integral, Expr) else number(part))
+    return replace(whole, shape=short, support=end, integral=integral, whole=whole)
+
+
 def thinned(samples: Samples) -> Samples:
     """About 60 of the samples."""
     part = slice(None, None, max(1, len(samples.q) // 60))
     return replace(samples, q=samples.q[part], w=samples.w[part], error=samples.error[part])
 
 
-def conventions(kernel: Kernel, dim: int) -> Iterator[tuple[str, float]]:
+@cache
+def conventions(kernel: Kernel, dim: int) -> tuple[tuple[str, float], ...]:
     """What a smoothing length may be, and the support in units of it."""
     support = float(kernel.support)
-    sigma = float(number(sqrt(kernel.moment(2, dim) / dim)))
-    yield "h", support
-    yield "the support radius", 1.0
-    yield "2σ", support / (2 * sigma)
-    yield "σ", support / sigma
-    half = half_width(kernel)
+    found = [
+        (LENGTHS[name][0], support / float(number(length)))
+        for name, length in lengths(kernel, dim).items()
+    ]
+    half = float(half_width(kernel))
     if half:
-        yield "the full width at half maximum", support / (2 * half)
-        yield "the half width at half maximum", support / half
-
-
-def half_width(kernel: Kernel) -> float:
-    """Where w falls to half its value at the origin, by bisection; 0 if that is not positive."""
-    top = kernel.pieces[0].eval(0)
-    if not top > 0:
-        return 0.0
-    low, high = Rational(0), kernel.support
-    for _ in range(60):
-        middle = Rational((low + high) / 2)
-        piece = next(p for k, p in zip(kernel.knots[1:], kernel.pieces, strict=True) if middle <= k)
-        if 2 * piece.eval(middle) > top:
-            low = middle
-        else:
-            high = middle
-    return float(low)
+        found += [(LENGTHS["fwhm"][0], support / (2 * half)), (LENGTHS["hwhm"][0], support / half)]
+    return tuple(found)
 
 
 def nice(value: float, error: float) -> float:
@@ -319,7 +315,7 @@ def _fit_support(
             unit * rounding(kernel, x / float(ratio), shape, slope, expanded) * abs(amplitude)
             + error[inside]
             + _interpolation(kernel, amplitude, float(ratio), spacing)
-            + TINY[unit]
+            + TINY.get(unit, TINY[SINGLE])
         )
         rows = np.stack([shape / noise, -amplitude * slope * (x / float(ratio)) / noise], axis=1)
         orthogonal, triangle = np.linalg.qr(rows)
@@ -368,7 +364,7 @@ def compare(
     if np.max(noise) > MOST_NOISE * guess * np.max(np.abs(shape)):
         return None
     noise += guess * np.abs(slope * own) * support_error + samples.error[inside]
-    noise += _interpolation(kernel, guess, float(ratio), spacing) + TINY[unit]
+    noise += _interpolation(kernel, guess, float(ratio), spacing) + TINY.get(unit, TINY[SINGLE])
     weight = shape / noise
     norm = math.fsum(weight * weight)
     amplitude = math.fsum(weight * (y / noise)) / norm
@@ -406,6 +402,8 @@ def _reconstructed(samples: Samples, dim: int, unit: float) -> Match | None:
     recovered = reconstruct(samples.q, samples.w, unit, support)
     if recovered is None:
         return None
+    if recovered[0]._radial(recovered[0].pieces, dim - 1) == 0:
+        return None  # it cannot be normalised, and is judged by its values alone
     found = compare(recovered[0], samples, recovered[1], 2 * DOUBLE, dim, unit)
     return _in_own_units(found) if found is not None else None
 
@@ -440,7 +438,9 @@ def _analytic(samples: Samples, dim: int, unit: float) -> Match | None:
             if scale**2 and abs(nice(-width, 1e-9) - (-width)) < 1e-9 * -width:
                 scale = math.sqrt(nice(-width, 1e-9))
         model = shape.shape(q * scale)
-        amplitude = float(np.median((y / model)[: max(4, len(q) // 3)]))
+        if not np.all(model[: max(4, len(q) // 3)] > TINY[SINGLE]):
+            continue  # a Gaussian so narrow is none
+        amplitude = float(np.median((y / np.maximum(model, TINY[SINGLE]))[: max(4, len(q) // 3)]))
         argument = (q * scale) ** 2 if shape.name == "gaussian" else np.full_like(q, 8.0)
         spare = 1e-12 if shape.name == "gaussian" and scale not in (1.0,) else 0.0
         noise = (

@@ -1,44 +1,61 @@
-"""Values of somebody's kernel: called where it matters, or read from a table."""
+"""Values of somebody's kernel, called where they matter."""
 
 from __future__ import annotations
 
-import csv
 import importlib
 import inspect
-import io
-import math
 import os
-import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sphtrunc.audit import signatures
+from sphtrunc.audit.signatures import Signature
+
 Array = NDArray[np.floating[Any]]
 Function = Callable[[Array, float], Array]  # (q, h) -> h^d W, in float64
 
-MAX_FILE = 1 << 24  # bytes of a table
 MAX_RANGE = 64.0  # a kernel that has not vanished by then has no end
-LEAST_POINTS = 16
 DOUBLE, SINGLE = 2.0**-53, 2.0**-24  # rounding units
-SINGLE_DIGITS = 5e-11  # half a unit of the tenth digit: single precision is written with nine
-SIGNATURE = re.compile(r"\s*\w+\s*\(\s*([a-z]+(?:\s*,\s*[a-z]+)*)\s*\)\s*", re.ASCII)
+#: where the dependence on h is looked at; of two of them, 2h and h² could not be told apart
+SMOOTHING_LENGTHS = (1.0, 0.5, 2.0, 3.0)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """Values at one smoothing length, scaled as if they were right.
+
+    q: (n,) r/h; w: (n,) h^d W; dw: (n,) h^(d+1) dW/dr; d2w: (n,) h^(d+2) d²W/dr², or None. For a
+    right kernel they do not depend on h. The errors are what the decimals of a table leave open.
+    """
+
+    h: float
+    q: Array
+    w: Array
+    dw: Array | None
+    d2w: Array | None
+    error: Array
+    derivative_error: Array
+    second_error: Array
 
 
 @dataclass(frozen=True)
 class Samples:
     """A kernel's values in one dimension, q = r/h with the h of whoever wrote it.
 
-    q: (n,) increasing, from 0 on; w: (n,) h^d W; dw: (n,) h^(d+1) dW/dr, or None
+    q: (n,) increasing, from 0 on; w: (n,) h^d W; dw: (n,) h^(d+1) dW/dr, d2w: (n,) h^(d+2) d²W/dr²,
+        or None
     unit: the rounding unit of the values; error: (n,) what the decimals of a table leave open
     support: the largest q with a value and the smallest one without (equal where bisected)
     declared: precision of the type that came back, DOUBLE or SINGLE
     function: to ask for more values, if there is a callable
+    h: the smoothing length they were taken at; None where they do not depend on one
+    scaled: values at several smoothing lengths, the first of them h; signature: how it was called
     """
 
     q: Array
@@ -50,14 +67,20 @@ class Samples:
     support: tuple[float, float]
     declared: float
     function: Function | None
-    power_of_h: float | None  # W ∝ h^power at fixed q, if the callable takes h and it is not −d
+    d2w: Array | None = None
+    second_error: Array = field(default_factory=lambda: np.zeros(0))
+    h: float | None = None
+    scaled: tuple[Scaled, ...] = ()
+    signature: str = ""
+    notes: tuple[str, ...] = ()
 
 
-def load(path: str) -> Callable[..., Any]:
+def load(path: str, dim: int = 3) -> Callable[..., Any]:
     """The callable that 'package.module:name' or 'package.module:Class.method' names.
 
     The current directory is searched first, as by `python -m`. The module is imported and nothing
-    else of it is called; a method of a class is taken from an instance made without arguments.
+    else of it is called; a method of a class is taken from an instance made without arguments, or
+    with `dim` where the class has such an argument.
 
     Raises ValueError where it does not exist or cannot be called.
     """
@@ -71,49 +94,51 @@ def load(path: str) -> Callable[..., Any]:
     try:
         found: Any = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:
-        raise ValueError(f"python: cannot import {module_name!r}: {_said(error)}") from None
+        raise ValueError(f"python: cannot import {module_name!r}: {said(error)}") from None
     for name in names:
         owner = found
         try:
             if inspect.isclass(owner) and inspect.isfunction(inspect.getattr_static(owner, name)):
-                owner = owner()
+                owner = _instance(owner, dim)
             found = getattr(owner, name)
         except (Exception, SystemExit) as error:
-            raise ValueError(f"python: {path!r}: {_said(error)}") from None
+            raise ValueError(f"python: {path!r}: {said(error)}") from None
     if not callable(found):
         raise ValueError(f"python: {path!r} is a {type(found).__name__}, expected a callable")
     return found  # type: ignore[no-any-return]
 
 
-def arguments(signature: str) -> tuple[str, ...]:
-    """The argument names of 'W(r,h)', 'W(r,h,dim)', 'w(q)', 'w(q,dim)', 'W(q,h)' in any order."""
-    match = SIGNATURE.fullmatch(signature[:100])
-    names = tuple(n.strip() for n in match.group(1).split(",")) if match else ()
-    fine = len(set(names)) == len(names) and set(names) <= {"q", "r", "h", "dim"}
-    if not fine or ("q" in names) == ("r" in names):
-        raise ValueError(
-            f'signature: got {signature[:60]!r}, expected "W(r,h)", "W(r,h,dim)", "w(q)" or'
-            ' "w(q,dim)"'
-        )
-    return names
+def _instance(owner: type, dim: int) -> Any:
+    try:
+        takes_dim = "dim" in inspect.signature(owner).parameters
+    except (TypeError, ValueError):
+        takes_dim = False
+    return owner(dim=dim) if takes_dim else owner()
 
 
 class Caller:
     """A callable asked for arrays of values: at once if it can take them, one by one if not."""
 
-    def __init__(self, function: Callable[..., Any], names: Sequence[str], dim: int, what: str):
-        self._function, self._names, self._dim, self._what = function, names, dim, what
-        self._scalar = False
+    def __init__(
+        self, function: Callable[..., Any], signature: Signature, dim: int, order: int, what: str
+    ):
+        self._function, self.signature, self._dim = function, signature, dim
+        self._order, self._what = order, what
+        self.scalar = False
         self.declared = DOUBLE
 
+    def scaled(self, q: Array, h: float = 1.0) -> Array:
+        """h^(d+order) times its values; they are that already where it takes no h."""
+        values = self(q, h)
+        return values * h ** (self._dim + self._order) if self.signature.takes_h else values
+
     def __call__(self, q: Array, h: float = 1.0) -> Array:
-        if not self._scalar:
+        if not self.scalar:
             try:
-                return self._checked(self._call(q * h if "r" in self._names else q.copy(), h), q)
+                return self._checked(self._call(q, h), q)
             except ValueError:
-                self._scalar = True
-        r = q * h if "r" in self._names else q
-        results = [self._call(float(x), h) for x in r]
+                self.scalar = True
+        results = [self._call(float(x), h) for x in q]
         kinds = {np.asarray(v).dtype.kind for v in results}
         if kinds <= {"i", "u"} and any(results):
             raise ValueError(f"{self._what}: returned integers, expected real numbers")
@@ -128,14 +153,23 @@ class Caller:
         odd = next(v for v in results if np.asarray(v).dtype.kind not in "iufb")
         raise ValueError(f"{self._what}: returned {_kind(odd)}, expected real numbers")
 
-    def _call(self, x: Any, h: float) -> Any:
-        given = {"q": x, "r": x, "h": h, "dim": self._dim}
+    def _call(self, q: Any, h: float) -> Any:
+        distance = q * h if self.signature.takes_r else q
+        if isinstance(distance, np.ndarray):
+            distance = distance.copy()
+        given, named = self.signature.arguments(distance, h, self._dim)
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
-                return self._function(*[given[name] for name in self._names])
+                result = self._function(*given, **named)
         except (Exception, SystemExit) as error:
-            raise ValueError(f"{self._what}: raised {_said(error)}") from None
+            where = "" if isinstance(q, np.ndarray) else f" at q = {q:.6g}"
+            at_h = f", h = {h:g}" if where and self.signature.takes_h else ""
+            raise ValueError(f"{self._what}: raised {said(error)}{where}{at_h}") from None
+        if "grad" in self.signature.meanings:
+            place = self.signature.meanings.index("grad")
+            return (given or list(named.values()))[place][0]
+        return result
 
     def _checked(self, result: Any, q: Array) -> Array:
         try:
@@ -159,47 +193,75 @@ class Caller:
 def from_callable(
     function: Callable[..., Any],
     dim: int,
-    signature: str = "w(q)",
+    signature: str | None = None,
     derivative: Callable[..., Any] | None = None,
+    second_derivative: Callable[..., Any] | None = None,
     points: int = 2000,
     support: float | None = None,
 ) -> Samples:
-    """Call W (and dW/dr, or dw/dq for w(q)) where a fault would show.
+    """Call W, dW/dr and d²W/dr² (of w(q): dw/dq and d²w/dq²) where a fault would show.
 
-    Evenly over the support, closely about its edge, which is found by bisection, and at a second
-    h, to see the power of h. Where the callable takes arrays it is called a few times; where it
-    takes only numbers, at a quarter of the points, one by one.
+    signature: as in `signatures.given`, for all of them; None: each by the names of its arguments.
+    Evenly over the support, closely about its edge, which is found by bisection, and, of callables
+    that take h, at three more h. A callable that takes only numbers is asked at a quarter of the
+    points, one by one.
 
     Raises ValueError for whatever the callable does wrong, in one line.
     """
-    names = arguments(signature)
-    call = Caller(function, names, dim, "the kernel")
+    given = None if signature is None else signatures.given(signature)
 
-    def scaled(q: Array, h: float = 1.0) -> Array:
-        values = call(q, h)
-        return values * h**dim if "h" in names else values
+    def caller(one: Callable[..., Any], order: int, what: str) -> Caller:
+        return Caller(one, given or signatures.of(one, what), dim, order, what)
 
-    low, high = _edge(scaled) if support is None else (support, support)
-    if call._scalar:
-        points = min(points, 500)
+    kernel = caller(function, 0, "the kernel")
+    slope = caller(derivative, 1, "the derivative") if derivative is not None else None
+    bend = (
+        caller(second_derivative, 2, "the second derivative")
+        if second_derivative is not None
+        else None
+    )
+    callers = [one for one in (kernel, slope, bend) if one is not None]
+    try:
+        low, high = _edge(kernel.scaled) if support is None else (support, support)
+    except ValueError as error:
+        raise ValueError(f"{error}; it was called as {kernel.signature.described()}") from None
+    points = min(points, 500) if kernel.scalar else points
     spread = (np.arange(points) + 0.5) / points
     edge = 1 - 2.0 ** -np.arange(2.0, 12.0)
     q = np.unique(np.concatenate([[0.0], spread * high, edge * high]))
-    w = scaled(q)
-    dw, declared = None, call.declared
-    if derivative is not None:
-        slope = Caller(derivative, names, dim, "the derivative")
-        dw = np.concatenate([[0.0], slope(q[1:])])
-    power = None
-    if "h" in names:
-        there = q[(q > 0) & (np.abs(w) > 1e-3 * np.max(np.abs(w)))][::50]
-        ratio = float(np.median(call(there, 2.0) / call(there, 1.0)))
-        found = math.log2(ratio) if ratio > 0 else math.nan
-        if not abs(found + dim) < 1e-3:
-            power = found
-    unit = SINGLE if declared == SINGLE else DOUBLE
-    none = np.zeros_like(w)
-    return Samples(q, w, dw, unit, none, none, (low, high), declared, scaled, power)
+    w = kernel.scaled(q)
+    declared = kernel.declared
+    dw, d2w = (
+        None if one is None else np.concatenate([[0.0], one.scaled(q[1:])]) for one in (slope, bend)
+    )
+    depends = any(one.signature.takes_h for one in callers)
+    probes = q[1 :: max(1, len(q) // 48)]
+    if support is None:
+        # beyond the support as well: an end that is a length, not a ratio, shows there
+        probes = np.concatenate([probes, high * np.array([1.03, 1.2, 1.7, 2.5])])
+    nothing, none = np.zeros_like(probes), np.zeros_like(w)
+    scaled = []
+    for h in SMOOTHING_LENGTHS if depends else ():
+        one, two = (None if f is None else f.scaled(probes, h) for f in (slope, bend))
+        scaled.append(
+            Scaled(h, probes, kernel.scaled(probes, h), one, two, nothing, nothing, nothing)
+        )
+    return Samples(
+        q=q,
+        w=w,
+        dw=dw,
+        d2w=d2w,
+        unit=SINGLE if declared == SINGLE else DOUBLE,
+        error=none,
+        derivative_error=none,
+        second_error=none,
+        support=(low, high),
+        declared=declared,
+        function=kernel.scaled,
+        h=1.0 if depends else None,
+        scaled=tuple(scaled),
+        signature="; ".join(dict.fromkeys(one.signature.described() for one in callers)),
+    )
 
 
 def _edge(function: Function) -> tuple[float, float]:
@@ -208,7 +270,10 @@ def _edge(function: Function) -> tuple[float, float]:
     w = function(coarse, 1.0)
     inside = np.nonzero(w)[0]
     if not len(inside):
-        raise ValueError("the kernel: is zero everywhere")
+        raise ValueError(
+            "the kernel: is zero everywhere; is a constant such as 2/3 an integer division there,"
+            " which gives 0?"
+        )
     last = int(inside[-1])
     if last == len(coarse) - 1:
         raise ValueError(
@@ -226,132 +291,8 @@ def _edge(function: Function) -> tuple[float, float]:
         low, high = new
 
 
-def from_table(path: str | Path, dim: int) -> Samples:
-    """A table: CSV with a header, or NPZ, with columns q (or r and h), W and optionally dW.
-
-    Decimals are taken to be rounded at their last digit. NPZ files are read without pickle.
-
-    Raises ValueError, naming the file, where columns are missing, doubled, unsorted or too short.
-    """
-    file = Path(path)
-    columns = _read_npz(file) if file.suffix.lower() == ".npz" else _read_csv(file)
-    q, errors = _distances(columns, file)
-    w, error = columns["w"]
-    if len(q) < LEAST_POINTS:
-        raise ValueError(f"table {file}: {len(q)} points, expected at least {LEAST_POINTS}")
-    for name, (values, _) in columns.items():
-        if values.shape != q.shape or values.ndim != 1:
-            raise ValueError(f"table {file}: column {name!r} is of shape {values.shape}")
-        if not np.isfinite(values).all():
-            raise ValueError(f"table {file}: column {name!r} holds NaN or infinity")
-    if q[0] < 0 or not np.all(np.diff(q) > 0):
-        at = 0 if q[0] < 0 else int(np.argmax(np.diff(q) <= 0)) + 1
-        what = "repeats" if at and q[at] == q[at - 1] else "falls" if at else "starts below zero"
-        raise ValueError(f"table {file}: q {what} at point {at + 1}, expected increasing distances")
-    h = columns["h"][0] if "h" in columns else np.ones_like(q)
-    w, error = w * h**dim, error * h**dim
-    slope = columns.get("dw")
-    dw, slope_error = (
-        (slope[0] * h ** (dim + 1), slope[1] * h ** (dim + 1)) if slope else (None, error)
-    )
-    inside = np.nonzero(w)[0]
-    if not len(inside):
-        raise ValueError(f"table {file}: W is zero everywhere")
-    last = int(inside[-1])
-    end = float(q[last + 1]) if last + 1 < len(q) else math.inf
-    # written from single precision: exactly its values, or no more digits than it has
-    some = w != 0
-    single = bool(np.all(w.astype(np.float32) == w)) or bool(
-        np.median(error[some] / np.abs(w[some])) > SINGLE_DIGITS
-    )
-    unit = SINGLE if single else DOUBLE
-    if dw is not None and errors.any():
-        slope_error = slope_error + errors * np.max(np.abs(np.gradient(dw, q)))
-    if errors.any():
-        error = error + errors * np.abs(np.gradient(w, q)) + errors**2
-    return Samples(q, w, dw, unit, error, slope_error, (float(q[last]), end), unit, None, None)
-
-
-def _distances(columns: dict[str, tuple[Array, Array]], file: Path) -> tuple[Array, Array]:
-    if "w" not in columns:
-        raise ValueError(f"table {file}: no column W among {sorted(columns)}")
-    if "q" in columns:
-        return columns["q"]
-    if "r" in columns and "h" in columns:
-        h = columns["h"][0]
-        if not np.all(h > 0):
-            raise ValueError(f"table {file}: h must be positive")
-        return columns["r"][0] / h, columns["r"][1] / h
-    raise ValueError(f"table {file}: no column q, nor r and h, among {sorted(columns)}")
-
-
-def _read_npz(file: Path) -> dict[str, tuple[Array, Array]]:
-    _readable(file)
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            found = {str(name).strip().lower(): archive[name] for name in archive.files}
-    except Exception as error:
-        raise ValueError(f"table {file}: not a readable NPZ file: {_said(error)}") from None
-    for name, values in found.items():
-        if values.dtype.kind not in "iuf":
-            raise ValueError(f"table {file}: column {name!r} is of type {values.dtype}")
-    return {
-        name: (v.astype(np.float64), np.zeros(v.shape, dtype=np.float64))
-        for name, v in found.items()
-    }
-
-
-def _read_csv(file: Path) -> dict[str, tuple[Array, Array]]:
-    _readable(file)
-    try:
-        rows = [r for r in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) if r]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"table {file}: {_said(error)}") from None
-    if not rows:
-        raise ValueError(f"table {file}: empty")
-    header = [name.strip().lstrip("#").strip().lower() for name in rows[0]]
-    if len(set(header)) != len(header):
-        raise ValueError(f"table {file}: column {header[0]!r} or another appears twice")
-    columns: dict[str, tuple[list[float], list[float]]] = {n: ([], []) for n in header}
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise ValueError(
-                f"table {file}: line {number} has {len(row)} columns, not {len(header)}"
-            )
-        for name, text in zip(header, row, strict=True):
-            try:
-                columns[name][0].append(float(text))
-            except ValueError:
-                raise ValueError(
-                    f"table {file}: line {number}, column {name!r}: {text[:20]!r} is not a number"
-                ) from None
-            columns[name][1].append(_last_digit(text))
-    # a column with all the digits of doubles somewhere has them everywhere: 0.25 is then exact
-    return {
-        name: (np.array(v), np.array(e) * (0.0 if 0.0 in e else 1.0))
-        for name, (v, e) in columns.items()
-    }
-
-
-def _last_digit(text: str) -> float:
-    """Half a unit of the last digit of a decimal; 0 where it has the digits of a double."""
-    mantissa, _, exponent = text.strip().lower().partition("e")
-    digits = mantissa.lstrip("+-").replace(".", "").lstrip("0")
-    if len(digits) >= 15:
-        return 0.0
-    decimals = len(mantissa.partition(".")[2])
-    # a short decimal such as 0.5 may be exact or rounded: it is allowed to be either
-    return float(0.5 * 10.0 ** (int(exponent or 0) - decimals))
-
-
-def _readable(file: Path) -> None:
-    if not file.is_file():
-        raise ValueError(f"table {file}: no such file")
-    if file.stat().st_size > MAX_FILE:
-        raise ValueError(f"table {file}: larger than {MAX_FILE} bytes")
-
-
-def _said(error: BaseException) -> str:
+def said(error: BaseException) -> str:
+    """An exception in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text[:150]}" if text else type(error).__name__
 

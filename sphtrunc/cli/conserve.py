@@ -20,7 +20,7 @@ _FORMS = (
 
 @click.command(name="conserve")
 @options.kernel
-@click.option("--dim", type=click.IntRange(1, 3), default=2, show_default=True, help="Dimension.")
+@click.option("--dim", type=click.IntRange(1, 3), help="Dimension.  [default: 2, or the file's]")
 @click.option(
     "--form",
     "forms",
@@ -48,9 +48,8 @@ _FORMS = (
 @click.option("--mass-spread", type=float, help="Masses at random from 1/S to S.  [default: 1]")
 @click.option("--radius", type=float, help="Of the ball of particles, in Δx.")
 @click.option("--h-over-lambda", metavar="X", help="Of the wave in the pressure.  [default: 0.02]")
-@click.option("--particles", metavar="FILE", help="Particles from .npz, .csv or .npy instead.")
-@click.option("--h", "length", metavar="H", help="Smoothing length, if the file has none.")
-@click.option("--period", metavar="L", help="Side of a periodic box, L or Lx,Ly,Lz.")
+@click.option("--particles", metavar="FILE", help="Particles of a code, or a table, instead.")
+@options.snapshot
 @click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
 @click.option("--workers", type=int, help="Threads; results do not depend on it.")
 @click.option("--no-predict", is_flag=True, help="Leave out what theory predicts.")
@@ -69,11 +68,12 @@ def command(**given: Any) -> None:
 
 
 def _on_lattice(given: dict[str, Any]) -> Any:
-    from sphtrunc.study.conserving import conserve
+    from sphtrunc.study.conservation.conserving import conserve
 
-    for name, option in (("length", "h"), ("period", "period")):
+    for name in ("length", "period", "columns", "kind"):
         if given[name] is not None:
-            raise ValueError(f"{option}: belongs to --particles FILE; expected --dx-over-h here")
+            option = {"length": "h", "kind": "type"}.get(name, name)
+            raise ValueError(f"{option}: belongs to --particles FILE; lattices have --dx-over-h")
     named = {
         "dx_over_h": given["dx_over_h"],
         "kind": given["lattice"],
@@ -84,7 +84,7 @@ def _on_lattice(given: dict[str, Any]) -> Any:
     }
     return conserve(
         given["kernel"],
-        given["dim"],
+        given["dim"] or 2,
         forms=given["forms"],
         rules=given["rules"],
         lengths=given["lengths"],
@@ -96,9 +96,8 @@ def _on_lattice(given: dict[str, Any]) -> Any:
 
 
 def _on_file(given: dict[str, Any]) -> Any:
-    from sphtrunc.arithmetic.rational import exact
-    from sphtrunc.scenes.files import read
-    from sphtrunc.study.conserving import conserve_particles
+    from sphtrunc.scenes.snapshots.formats import read
+    from sphtrunc.study.conservation.conserving import conserve_particles
 
     for name in ("dx_over_h", "lattice", "jitter", "mass_spread", "radius", "h_over_lambda"):
         if given[name] is not None:
@@ -106,15 +105,16 @@ def _on_file(given: dict[str, Any]) -> Any:
             raise ValueError(f"{option}: a file of particles has none; expected one or the other")
     if given["lengths"] != "constant":
         raise ValueError("lengths: particles of a file have theirs; expected a column h, or --h H")
-    period = None
-    if given["period"] is not None:
-        sides = [float(exact(side, "period")) for side in given["period"].split(",")]
-        period = sides if len(sides) > 1 else sides[0]
+    found = read(given["particles"], **options.read_as(given))
+    scene = found.particles()
+    wanted = ("mass", "density", "pressure", "velocity")
+    columns = {name: found.fields[name] for name in wanted if name in found.fields}
+    for note in found.notes:
+        click.echo(f"note: {note}", err=True)
     return conserve_particles(
         given["kernel"],
-        read(given["particles"]),
-        h=None if given["length"] is None else float(exact(given["length"], "h")),
-        period=period,
+        {**columns, "x": scene.x.T, "h": scene.h},
+        period=scene.period,
         forms=given["forms"],
         rules=given["rules"],
         seed=given["seed"],

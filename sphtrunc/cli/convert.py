@@ -29,10 +29,19 @@ def _quantities(function: Callable[..., Any]) -> Callable[..., Any]:
 @click.option(
     "--dx", metavar="X", default="1", help="Particle spacing, the unit of h, κh, 2σ, FWHM."
 )
+@click.option(
+    "--pairing", is_flag=True, help="Say from how many neighbours particles pair, too (2D, 3D)."
+)
 @options.formats("text", "json")
 @options.output
 def command(
-    kernel: str, dim: int, dx: str, format_: str, output: str | None, **given: str | None
+    kernel: str,
+    dim: int,
+    dx: str,
+    pairing: bool,
+    format_: str,
+    output: str | None,
+    **given: str | None,
 ) -> None:
     """Convert between the conventions for the smoothing length and the number of neighbours.
 
@@ -48,8 +57,10 @@ def command(
         shown = ", ".join(f"--{name}" for name in CONVENTIONS)
         raise click.UsageError(f"got {len(known)} quantities, expected exactly one of {shown}")
     result = convert(kernel, dim, dx=dx, **known)
+    limit = _limit(result.kernel, dim) if pairing else None
     if format_ == "text":
-        emit(result.to_text(dx), output)
+        said = [_pairing(float(result["neighbours"]), limit)] if pairing else []
+        emit("\n".join([result.to_text(dx), *said]), output)
         return
     document = {
         "schema": "sphtrunc.convert/1",
@@ -59,4 +70,22 @@ def command(
         "conventions": result.to_dict(dx),
         "version": __version__,
     }
+    if pairing:
+        document["pairing"] = limit
     emit(json.dumps(document, indent=1, ensure_ascii=False), output)
+
+
+def _limit(kernel: Any, dim: int) -> float | None:
+    """The number of neighbours from which particles pair; None where they do not."""
+    from sphtrunc.study.pairing import pairing_limit
+
+    if dim == 1:
+        raise ValueError("pairing: is of particles in 2D and 3D; expected --dim 2 or 3")
+    return pairing_limit(kernel, dim)
+
+
+def _pairing(neighbours: float, limit: float | None) -> str:
+    if limit is None:
+        return "  no pairing at any number of neighbours up to 1000"
+    side = "beyond that" if neighbours >= limit else "this is below"
+    return f"  particles pair from {limit:.6g} neighbours on: {side}"

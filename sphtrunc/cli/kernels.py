@@ -17,23 +17,30 @@ _HEAD = ("kernel", "support", "β", "smooth", "σ", "W(0)", "∫s²W", "smoothin
 
 @click.command(name="kernels")
 @options.dim
+@click.option(
+    "--pairing",
+    is_flag=True,
+    help="Also the number of neighbours from which particles pair (2D and 3D; takes minutes).",
+)
 @options.formats("text", "latex", "json")
 @options.output
-def command(dim: int, format_: str, output: str | None) -> None:
+def command(dim: int, pairing: bool, format_: str, output: str | None) -> None:
     """List the kernels of the catalogue with their constants in the given dimension.
 
     σ is the normalisation of the shape as written, W(0) the kernel at the centre for h = 1, ∫s²W
     its second moment, and the last column c the leading smoothing error c h² ∇²A of a value.
     """
+    if pairing and dim == 1:
+        raise ValueError("pairing: is of particles in 2D and 3D; expected --dim 2 or 3")
     catalogue = [named(name) for name in names()]
     render = {"text": _text, "latex": _latex, "json": _json}
-    emit(render[format_](catalogue, dim), output)
+    emit(render[format_](catalogue, dim, pairing), output)
 
 
-def _row(kernel: Kernel, dim: int) -> dict[str, object]:
+def _row(kernel: Kernel, dim: int, pairing: bool) -> dict[str, object]:
     sigma = kernel.normalisation(dim)
     second = kernel.moment(2, dim)
-    return {
+    row = {
         "name": kernel.name,
         "support": kernel.support,
         "boundary_smoothness": kernel.boundary_smoothness,
@@ -43,14 +50,19 @@ def _row(kernel: Kernel, dim: int) -> dict[str, object]:
         "second_moment": second,
         "smoothing_coefficient": second / (2 * dim),
     }
+    if pairing:
+        from sphtrunc.study.pairing import pairing_limit
+
+        row["pairing"] = pairing_limit(kernel, dim)
+    return row
 
 
-def _text(catalogue: list[Kernel], dim: int) -> str:
-    rows = [_HEAD]
+def _text(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
+    rows = [(*_HEAD, "pairs from") if pairing else _HEAD]
     for kernel in catalogue:
-        name, *values = _row(kernel, dim).values()
+        name, *values = _row(kernel, dim, pairing).values()
         rows.append((str(name), *(_short(v) for v in values)))  # type: ignore[arg-type]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEAD))]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = [
         f"{row[0]:<{widths[0]}}  "
         + "  ".join(f"{c:>{w}}" for c, w in zip(row[1:], widths[1:], strict=True))
@@ -64,24 +76,31 @@ def _text(catalogue: list[Kernel], dim: int) -> str:
     )
 
 
-def _latex(catalogue: list[Kernel], dim: int) -> str:
+def _latex(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
     from sympy import latex
 
     head = (
         r"kernel & $\kappa$ & $\beta$ & smoothness & $\sigma$ & $W(0)$"
-        r" & $\int s^2 \hat W$ & $c$ \\ \hline"
+        r" & $\int s^2 \hat W$ & $c$"
     )
     lines = []
     for kernel in catalogue:
-        name, *values = _row(kernel, dim).values()
-        lines.append(" & ".join([str(name), *(f"${latex(v)}$" for v in values)]) + r" \\")
-    return "\n".join([r"\begin{tabular}{lrrrrrrr}", head, *lines, r"\end{tabular}"])
+        name, *values = _row(kernel, dim, pairing).values()
+        shown = ["--" if v is None else f"${latex(v)}$" for v in values]
+        lines.append(" & ".join([str(name), *shown]) + r" \\")
+    more = " & pairs from" if pairing else ""
+    columns = "l" + "r" * (7 + pairing)
+    top = rf"\begin{{tabular}}{{{columns}}}"
+    return "\n".join([top, rf"{head}{more} \\ \hline", *lines, r"\end{tabular}"])
 
 
-def _json(catalogue: list[Kernel], dim: int) -> str:
+def _json(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
     rows = [
         {
-            **{k: v if isinstance(v, int | str) else str(v) for k, v in _row(kernel, dim).items()},
+            **{
+                k: v if v is None or isinstance(v, int | float | str) else str(v)
+                for k, v in _row(kernel, dim, pairing).items()
+            },
             "source": kernel.source,
         }
         for kernel in catalogue
@@ -94,5 +113,7 @@ def _json(catalogue: list[Kernel], dim: int) -> str:
 
 
 def _short(value: object) -> str:
+    if value is None or isinstance(value, float):
+        return "none" if value is None else f"{value:.4f}"
     text = str(value).replace("*", "·").replace("pi", "π")
     return text if len(text) <= 14 else f"≈{float(value):.9g}"  # type: ignore[arg-type]

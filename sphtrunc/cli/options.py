@@ -59,6 +59,11 @@ wall: Decorator = click.option(
     help="A plane wall or free surface, at this distance from the target in h; without a number:"
     " as functions of the distance.",
 )
+wall_number: Decorator = click.option(
+    "--wall",
+    metavar="ETA",
+    help="A plane wall or free surface, at this distance from the target in h.",
+)
 wall_at: Decorator = click.option(
     "--wall-at",
     metavar="PLACE",
@@ -74,7 +79,7 @@ ghosts: Decorator = click.option(
     type=click.Choice(GHOSTS),
     default="none",
     show_default=True,
-    help="Beyond the wall: nothing; images with A or with 2 A_wall - A; dummies with Shepard means.",
+    help="Beyond the wall: nothing, images with A or 2 A_wall - A, dummies with Shepard means.",
 )
 
 
@@ -104,6 +109,72 @@ def estimate(command: Callable[..., Any]) -> Callable[..., Any]:
     ):
         command = option(command)
     return command
+
+
+dim_of_file: Decorator = click.option(
+    "--dim", type=click.IntRange(1, 3), help="What the dimension of the file has to be."
+)
+
+
+def snapshot(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--type, --columns, --period and --h: how a file of particles is understood."""
+    for option in (
+        click.option(
+            "--h", "length", metavar="H", help="Smoothing length of all, in place of the file's."
+        ),
+        click.option(
+            "--period",
+            metavar="L",
+            help="Box in place of the file's: L or Lx,Ly,Lz, inf along open axes; none: no period.",
+        ),
+        click.option(
+            "--columns",
+            metavar="Q=NAME,…",
+            help="What columns hold, where their names do not say it: x=pos_x,h=hsml.",
+        ),
+        click.option(
+            "--type", "kind", metavar="TYPE", help="Which particles of a file.  [default: type 0]"
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def read_as(given: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `sphtrunc.snapshot` that the options of `snapshot` stand for."""
+    from sphtrunc.scenes.snapshots.columns import chosen
+
+    columns = given["columns"]
+    return {
+        "type": given["kind"],
+        "dim": given["dim"],
+        "columns": None if columns is None else chosen(columns),
+        "period": period(given["period"]),
+        "h": positive("h", given["length"]),
+    }
+
+
+def period(text: str | None) -> Any:
+    """L, Lx,Ly,Lz with inf along open axes, or none."""
+    from math import inf
+
+    from sphtrunc.arithmetic.rational import exact
+
+    if text is None or text == "none":
+        return text
+    return [inf if side == "inf" else float(exact(side, "period")) for side in text.split(",")]
+
+
+def positive(name: str, text: str | None) -> float | None:
+    """A positive number, None where none was given."""
+    from sphtrunc.arithmetic.rational import exact
+
+    if text is None:
+        return None
+    value = float(exact(text, name))
+    if not value > 0:
+        raise ValueError(f"{name}: got {text[:40]}, expected a positive number")
+    return value
 
 
 def formats(*names: str) -> Decorator:

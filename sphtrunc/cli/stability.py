@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from math import pi, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -16,15 +16,21 @@ from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
     from sphtrunc.study.stability import Found, Pairing, Stability
-    from sphtrunc.theory.modes import Mode, Rest
+    from sphtrunc.theory.dispersion.modes import Mode, Rest
 
 REMEDIES = ("artificial-stress:EPS", "total-lagrangian", "stress-points")
-#: P₀/(ρc²) that `--pairing` takes where none is given: a gas with γ = 5/3
-GAS = Fraction(3, 5)
 _MEANING = {
     "longitudinal": "neighbours along the wave",
     "transverse": "shear of the lattice",
 }
+
+
+class Wave(NamedTuple):
+    """k in π/Δx, text where it is exact; its name in the zone; its modes."""
+
+    k: list[Any]
+    point: str | None
+    modes: list[Mode]
 
 
 @click.command(name="stability")
@@ -51,10 +57,10 @@ _MEANING = {
 @click.option("--remedy", metavar="NAME", help=f"{', '.join(REMEDIES)}, in place of a form.")
 @click.option(
     "--volume",
-    type=click.Choice(("summation", "constant")),
+    type=click.Choice(("summation", "constant", "corrected")),
     default="summation",
     show_default=True,
-    help="Density at rest: the sum Σ m W, or m/Δx^d that is integrated from there.",
+    help="Density: the sum Σ m W; or m/Δx^d, integrated by its rate, or by that of a csph form.",
 )
 @click.option(
     "--k",
@@ -64,6 +70,11 @@ _MEANING = {
     metavar="K",
     help="A wave in π/Δx, one number per axis as 1,1/2,0, or a point of the zone: X, W, L …;"
     " repeat it for several.",
+)
+@click.option(
+    "--viscosity",
+    metavar="ALPHA",
+    help="Artificial viscosity α, taken explicitly: the time step with it, too.",
 )
 @click.option("--pairing", is_flag=True, help="The number of neighbours from which particles pair.")
 @click.option(
@@ -89,6 +100,8 @@ def command(**given: Any) -> None:
                        --remedy artificial-stress:1/5
     sphtrunc stability --kernel cubic-spline --map swegle
     """
+    if given["pairing"] and given["stem"] is not None:
+        raise click.UsageError("got --pairing and --map, expected one of them")
     rest, exact = _rest(given)
     if given["pairing"]:
         _only(given, "pairing")
@@ -101,12 +114,20 @@ def command(**given: Any) -> None:
         _draw(rest, given["stem"])
         return
     else:
-        from sphtrunc.study.stability import stability
+        from sphtrunc.study.stability import named, stability
 
         kappas = [_wave(rest, wave) for wave in given["waves"]] or _points(rest)
-        modes = [(k, rest.modes(kappa, exact)) for k, kappa in kappas]
         seen = stability(rest)
+        modes = [Wave(k, named(rest.kind, kappa), rest.modes(kappa, exact)) for k, kappa in kappas]
         text, document = _text(seen, modes, exact), _document(seen, modes, exact)
+        if given["viscosity"] is not None:
+            step = _viscous(rest, given["viscosity"])
+            document["courant"]["kick-drift"] = step
+            document["viscosity"] = given["viscosity"]
+            text += (
+                f"\n\nTime step of kick and drift with viscosity α = {given['viscosity']}:"
+                f" cΔt/h < {step:.6g}"
+            )
     if given["format_"] == "json":
         emit(json.dumps(document, indent=1, ensure_ascii=False), given["output"])
     else:
@@ -115,16 +136,26 @@ def command(**given: Any) -> None:
 
 def _only(given: dict[str, Any], task: str) -> None:
     """Options that say where to look have no meaning for what looks everywhere."""
-    named = {"dx_over_h": "--dx-over-h", "neighbours": "--neighbours", "waves": "--k"}
+    named = {
+        "dx_over_h": "--dx-over-h",
+        "neighbours": "--neighbours",
+        "waves": "--k",
+        "viscosity": "--viscosity",
+    }
     if task == "map":
         named["pressure"] = "--pressure"
         if given["format_"] != "text" or given["output"] is not None:
             raise click.UsageError("--map writes its own files, without --format and --output")
-        if given["pairing"]:
-            raise click.UsageError("got --pairing and --map, expected one of them")
     used = [option for name, option in named.items() if given[name]]
     if used:
         raise click.UsageError(f"--{task} looks at all of them: without {', '.join(used)}")
+
+
+def _viscous(rest: Rest, alpha: str) -> float:
+    from sphtrunc.arithmetic.rational import exact as rational
+    from sphtrunc.study.stability import viscous_step
+
+    return viscous_step(rest, float(rational(alpha, "viscosity")))
 
 
 # ---------------------------------------------------------------------------------- what is asked
@@ -136,13 +167,14 @@ def _rest(given: dict[str, Any]) -> tuple[Rest, bool]:
     from sphtrunc.kernels.parse import kernel as parse_kernel
     from sphtrunc.operators.forces import force
     from sphtrunc.scenes.sites import DEFAULT, KINDS
+    from sphtrunc.study.pairing import DENSEST, GAS
     from sphtrunc.study.stability import ratio_of
-    from sphtrunc.theory.modes import Rest
+    from sphtrunc.theory.dispersion.modes import Rest
 
     kernel = parse_kernel(given["kernel"])
     dim = given["dim"]
-    densest = {**DEFAULT, 2: "hexagonal", 3: "fcc"}
-    kind = given["lattice"] or (densest if given["pairing"] else DEFAULT)[dim]
+    usual = DENSEST if given["pairing"] else DEFAULT
+    kind = given["lattice"] or usual[dim]
     kind = "cubic" if kind == "sc" else kind
     fitting = [name for name, data in KINDS.items() if data.dim == dim]
     if kind not in fitting:
@@ -194,7 +226,7 @@ def _wave(rest: Rest, text: str) -> tuple[list[Any], tuple[Fraction, ...]]:
     """What was given, and κ."""
     from sphtrunc.arithmetic.rational import exact as rational
     from sphtrunc.scenes.sites import units
-    from sphtrunc.theory.brillouin import inside, point, scale, shortest
+    from sphtrunc.theory.dispersion.brillouin import inside, point, scale, shortest
 
     text = text.strip()
     if text[:1].isalpha():
@@ -233,7 +265,7 @@ def _shown(rest: Rest, kappa: tuple[Fraction, ...]) -> tuple[list[Any], tuple[Fr
 
 
 def _points(rest: Rest) -> list[tuple[list[Any], tuple[Fraction, ...]]]:
-    from sphtrunc.theory.brillouin import POINTS, point
+    from sphtrunc.theory.dispersion.brillouin import POINTS, point
 
     return [_shown(rest, point(rest.kind, name)) for name in POINTS[rest.kind]]
 
@@ -263,9 +295,7 @@ def _exactly(value: Any) -> Any:
     return str(value) if isinstance(value, Fraction) else value
 
 
-def _document(
-    seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: bool
-) -> dict[str, Any]:
+def _document(seen: Stability, modes: list[Wave], exact: bool) -> dict[str, Any]:
     from sphtrunc.study.stability import as_dict, neighbours
 
     rest = seen.rest
@@ -276,13 +306,14 @@ def _document(
         "neighbours": neighbours(rest.kernel, rest.dim, ratio),
         "modes": [
             {
-                "k": k,
-                "omega2": [m.omega2 if m.exact is None else m.exact for m in found],
-                "branch": [m.branch for m in found],
-                "growth_rate": [m.growth for m in found],
-                "polarisation": [list(m.polarisation) for m in found],
+                "k": wave.k,
+                "point": wave.point,
+                "omega2": [m.omega2 if m.exact is None else m.exact for m in wave.modes],
+                "branch": [m.branch for m in wave.modes],
+                "growth_rate": [m.growth for m in wave.modes],
+                "polarisation": [list(m.polarisation) for m in wave.modes],
             }
-            for k, found in modes
+            for wave in modes
         ],
         "sound_speed2": _plain(seen.sound_speed2, exact),
         "dispersion": _plain(seen.dispersion, exact),
@@ -324,7 +355,9 @@ def _pairing_text(rest: Rest, found: Pairing) -> str:
             f"{head}\nNo pairing: the longitudinal branch is stable up to {found.most:g}"
             " neighbours."
         )
-    where = f"point {found.point}" if found.point else f"k = {_numbers(found.k)} π/Δx"
+    where = f"k = {_numbers(found.k)} π/Δx on a grid of the zone"
+    if found.point:
+        where = f"point {found.point}"
     return "\n".join(
         wrapped(
             [
@@ -341,7 +374,7 @@ def _numbers(k: Any) -> str:
     return ", ".join(f"{c:.4g}" for c in k)
 
 
-def _text(seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: bool) -> str:
+def _text(seen: Stability, modes: list[Wave], exact: bool) -> str:
     from sphtrunc.study.stability import neighbours
 
     rest = seen.rest
@@ -382,9 +415,10 @@ def _text(seen: Stability, modes: list[tuple[list[Any], list[Mode]]], exact: boo
         sentences.append(f"Stable ({branch}), all else equal: Δx/h {shown or 'nowhere'}.")
     lines += wrapped(sentences)
     lines += ["", "modes (ω² in c²/h²):"]
-    for k, found_modes in modes:
-        lines.append(f"  k = {', '.join(map(_short, k))} π/Δx")
-        for m in found_modes:
+    for wave in modes:
+        point = f" (point {wave.point})" if wave.point else ""
+        lines.append(f"  k = {', '.join(map(_short, wave.k))} π/Δx{point}")
+        for m in wave.modes:
             rate = f", grows at {m.growth:.4g} c/h" if m.growth else ""
             value = f"{m.omega2:.12g}"
             value += f" = {m.exact}" if m.exact not in (None, value) else ""
@@ -440,6 +474,8 @@ def _branch(seen: Stability, branch: str) -> str:
 def _kind(seen: Stability, found: Found) -> str:
     if found.branch == "transverse":
         return f"a shear of the lattice {_lattice(seen.rest)}, not pairing"
+    if found.wavelength is None:
+        return "without a speed of sound"
     return "pairing" if seen.rest.pressure > 0 else "the tensile instability"
 
 

@@ -32,6 +32,12 @@ PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 @options.estimate
 @click.option("--lattice", metavar="KIND", help="Which lattice is disordered.")
 @click.option("--jitter", type=float, default=0.0, help="Disorder σ/Δx.  [default: 0]")
+@click.option(
+    "--disorder",
+    metavar="KIND",
+    help="In place of --jitter: jitter:0.1, glass, poisson, or a FILE of particles.",
+)
+@click.option("--period", metavar="L", help="Side of the periodic box of that file, or Lx,Ly,Lz.")
 @click.option("--error", type=float, help="Wanted: this relative error at λ, at the least cost.")
 @click.option("--particles-per-wavelength", type=float, metavar="N", help="Given: λ/Δx.")
 @click.option("--particles", type=float, metavar="N", help="Given: particles in the box.")
@@ -87,7 +93,11 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     operator = Operator(given["operator"], given["form"], given["correction"])
     problem = Problem(given["dim"], operator, given["jitter"], lattice=given["lattice"])
     dim = problem.dim
-    exact = exponents(operator, dim)
+    exact, alpha = exponents(operator, dim), ""
+    if given["disorder"] is None and given["period"] is not None:
+        raise ValueError("period: belongs to --disorder FILE; expected that as well")
+    if given["disorder"] is not None:
+        problem, exact, alpha = _disordered(given, problem)
     document: dict[str, Any] = {
         "schema": "sphtrunc.tune/1",
         "dim": dim,
@@ -95,6 +105,7 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         "form": operator.form,
         "correction": operator.correction,
         "jitter": problem.sigma,
+        **({} if problem.disorder is None else {"disorder": problem.disorder.by, "alpha": alpha}),
         "path": {
             "h": str(exact.p),
             "error": str(exact.order),
@@ -145,6 +156,32 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
             "at_equal_cost": now.error.total / best_at_cost(problem, first, now.cost).error.total,
         }
     return document
+
+
+def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any, str]:
+    """The problem with disorder of another kind than a jitter, its exponents, and α of S ∝ k^α."""
+    from dataclasses import replace
+
+    from sphtrunc.cli.structure import scene
+    from sphtrunc.study.structure import disorder
+    from sphtrunc.study.tuning import exponents
+
+    text = given["disorder"]
+    if given["jitter"] or given["lattice"] is not None:
+        raise ValueError("disorder: got --jitter or --lattice as well, expected one or the other")
+    if text.startswith("jitter:"):
+        from sphtrunc.arithmetic.rational import exact
+
+        sigma = float(exact(text.partition(":")[2], "disorder"))
+        return replace(problem, sigma=sigma), exponents(problem.operator, problem.dim), "2"
+    if given["table"] is not None:
+        raise ValueError("disorder: runs of a table are explained by a jitter; expected --jitter")
+    if text in ("glass", "poisson") and given["period"] is not None:
+        raise ValueError(f"period: belongs to a file, not to {text}")
+    home = None if text in ("glass", "poisson") else scene(text, given["period"])
+    found, alpha = disorder(text, problem.dim, home)
+    path = exponents(problem.operator, problem.dim, alpha)
+    return replace(problem, disorder=found), path, str(alpha)
 
 
 def _with_pairing(chosen: Setting, kernel: Any, dim: int) -> dict[str, Any]:
@@ -219,11 +256,11 @@ def _made_of(error: dict[str, float]) -> str:
 def _text(document: dict[str, Any]) -> str:
     from sphtrunc.study.plateaus import power_text
 
-    dim, sigma = document["dim"], document["jitter"]
+    dim = document["dim"]
     corrected = "" if document["correction"] == "none" else f", {document['correction']}"
     lines = [
         f"{document['operator']}, {document['form']} form{corrected}, {dim}D,"
-        f" particles {f'displaced by σ/Δx = {sigma:g}' if sigma else 'on a lattice'}",
+        f" particles {_kind(document)}",
         "",
     ]
     if "runs" in document:
@@ -248,12 +285,19 @@ def _text(document: dict[str, Any]) -> str:
             f"No more neighbours than {document['most_neighbours']} are looked at: with the same"
             " particles and still more the error may fall further."
         )
-    if document["jitter"]:
+    if document["jitter"] or "disorder" in document:
         path = {name: Fraction(text) for name, text in document["path"].items()}
         found.append(
             f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
             f" {power_text('Δx', path['error'])} and neighbours grow as"
             f" {power_text('N', path['neighbours'])}."
+        )
+    if "alpha" in document:
+        alpha = Fraction(document["alpha"])
+        waves = f"S ∝ {power_text('k', alpha)}" if alpha else "S is level"
+        found.append(
+            f"At long waves its {waves}: with more neighbours for the same particles the noise"
+            f" falls only as {power_text('(Δx/h)', (dim + alpha) / 2)}."
         )
     lines += [*wrapped(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
@@ -269,6 +313,13 @@ def _text(document: dict[str, Any]) -> str:
             ]
         )
     return "\n".join(lines)
+
+
+def _kind(document: dict[str, Any]) -> str:
+    if "disorder" in document:
+        return f"in disorder ({document['disorder']})"
+    sigma = document["jitter"]
+    return f"displaced by σ/Δx = {sigma:g}" if sigma else "on a lattice"
 
 
 def _pairing(rows: list[dict[str, Any]], dim: int) -> list[str]:

@@ -48,7 +48,8 @@ class Fluid:
     start: (N, d) positions at rest, which the densities of "constant", the total Lagrangian form
         and stress points refer to; period: (d,), the box; h: the smoothing length, at rest where
         it follows the density
-    density: "summation", ρ = Σ m W; "constant", 1 at the start, and the rate of the same sum
+    density: "summation", ρ = Σ m W; "constant", 1 at the start, and the rate of the same sum;
+        "corrected", 1 at the start, and the corrected divergence of small displacements
 
     Raises ValueError where the box is not longer than twice the support.
     """
@@ -176,8 +177,12 @@ def _sum(fluid: Fluid, near: Pairs, P: Any, rho: Any, K_a: Any, K_b: Any) -> Any
     if fluid.stress is not None:
         far = np.array([fluid.stress.spacing * fluid.spacing / fluid.h], dtype=float)
         f = fluid.kernel_at(near.length / fluid.h, 0) / fluid.kernel_at(far, 0)
-        own = own * fluid.stress.factor(ends[0], f)
-        other = other * fluid.stress.factor(ends[1], f)
+        held = (own, other)
+        if fluid.stress.frozen:
+            rest = (fluid.state.pressure,) * 2 + (fluid.state.density,) * 2
+            held = (fluid.force.own(*rest), fluid.force.other(*rest))
+        own = own + fluid.stress.repulsion(held[0], ends[0], f)
+        other = other + fluid.stress.repulsion(held[1], ends[1], f)
     terms = _times(own, K_a) + _times(other, K_b)
     return -fluid.mass * near.total(terms)
 
@@ -188,15 +193,14 @@ def _times(weight: Any, vectors: Any) -> Any:
 
 def gradients(fluid: Fluid, x: Any, near: Pairs) -> tuple[Any, Any, Any]:
     """ρ (N,), and what both ends of every pair see, K_a and K_b (P, d)."""
-    m, h, d = fluid.mass, fluid.h, fluid.dim
+    h = fluid.h
     if fluid.force.gradient == GRAD_H:
         return _adaptive(fluid, x, near)
     rho = densities(fluid, x, near)
     K = _gradient(fluid, near.r, near.length, h)
     if fluid.force.gradient != CORRECTED:
         return rho, K, K
-    weighted = -(m / rho[near.b])[:, None, None] * K[:, :, None] * near.r[:, None, :]
-    C = np.linalg.inv(near.total(weighted).reshape(-1, d, d))
+    C = _corrections(fluid, near, K, rho)
     return (
         rho,
         np.einsum("pij,pj->pi", C[near.a], K),
@@ -209,6 +213,8 @@ def densities(fluid: Fluid, x: Any, near: Pairs) -> Any:
     rho = _summed(fluid, near)
     if fluid.density == "summation":
         return rho
+    if fluid.density == "corrected":
+        return 1 + _divergence(fluid, x)
     return 1 + rho - _summed(fluid, pairs(fluid, fluid.start))
 
 
@@ -216,6 +222,23 @@ def _summed(fluid: Fluid, near: Pairs) -> Any:
     scale = fluid.mass / fluid.h**fluid.dim
     home = fluid.kernel_at(np.zeros(1), 0)
     return scale * (home + near.total(fluid.kernel_at(near.length / fluid.h, 0)))
+
+
+def _divergence(fluid: Fluid, x: Any) -> Any:
+    """Σ_b V_b (u_a − u_b)·C_a∇W about the start, (N,): δρ/ρ of the corrected divergence."""
+    near = pairs(fluid, fluid.start)
+    K = _gradient(fluid, near.r, near.length, fluid.h)
+    C = _corrections(fluid, near, K, np.ones(len(x)))
+    u = x - fluid.start
+    moved = u[near.a] - u[near.b]
+    return fluid.mass * near.total(np.einsum("pi,pij,pj->p", moved, C[near.a], K))
+
+
+def _corrections(fluid: Fluid, near: Pairs, K: Any, rho: Any) -> Any:
+    """C_a = (Σ_b V_b (x_b − x_a)⊗∇W)⁻¹, (N, d, d)."""
+    d = fluid.dim
+    weighted = -(fluid.mass / rho[near.b])[:, None, None] * K[:, :, None] * near.r[:, None, :]
+    return np.linalg.inv(near.total(weighted).reshape(-1, d, d))
 
 
 def _gradient(fluid: Fluid, r: Any, length: Any, h: Any) -> Any:
@@ -403,20 +426,20 @@ def at_rest(fluid: Fluid, rate: Rate, x: Array) -> tuple[Array, Array]:
     m = fluid.mass
     a, b = near.a, near.b
     zero, one = np.zeros(len(a)), np.ones(len(a))
-    G = np.zeros((n, d, n))
+    G = np.zeros((n, n, d))  # a, b, axis
     for target, P_a, P_b in ((a, one, zero), (b, zero, one)):
         ends = (P_a, P_b, rho[a], rho[b])
         terms = _times(fluid.force.own(*ends) + zero, K_a) + _times(
             fluid.force.other(*ends) + zero, K_b
         )
-        np.add.at(G, (a, slice(None), target), -m * terms)
+        np.add.at(G, (a, target), -m * terms)
     R = np.zeros((n, n, d))
     seen = _times(rate.own(rho[a], rho[b]) + zero, K_a) + _times(
         rate.other(rho[a], rho[b]) + zero, K_b
     )
     np.add.at(R, (a, a), m * seen)
     np.add.at(R, (a, b), -rate.mirror * m * seen)
-    return G.reshape(n * d, n), R.reshape(n, n * d)
+    return G.transpose(0, 2, 1).reshape(n * d, n), R.reshape(n, n * d)
 
 
 def growth_at_rest(fluid: Fluid, rate: Rate, x: Array) -> float:

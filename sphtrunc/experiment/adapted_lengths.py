@@ -20,9 +20,11 @@ if TYPE_CHECKING:
 _MOST_STEPS = 60
 
 
-def grad_h(scene: Particles, kernel: Kernel, workers: int | None = None) -> tuple[Array, Array]:
-    """ρ_a = Σ m_b W(x_ab, h_a) and Ω_a = 1 + (h_a/dρ_a) ∂ρ_a/∂h_a, (n,) each, of particles whose
-    volumes are their masses.
+def grad_h(
+    scene: Particles, kernel: Kernel, workers: int | None = None, targets: object = None
+) -> tuple[Array, Array]:
+    """ρ_a = Σ m_b W(x_ab, h_a) and Ω_a = 1 + (h_a/dρ_a) ∂ρ_a/∂h_a of particles whose volumes are
+    their masses; (T,) each, at the targets, (n,) at all.
 
     h^{−d−1}(dW + x·∇W) is −∂W/∂h, so Ω = Σ_i m[e_i, e_i]/(d ρ) in base sums.
     """
@@ -30,7 +32,7 @@ def grad_h(scene: Particles, kernel: Kernel, workers: int | None = None) -> tupl
     zero = unit(dim, 0, 0)
     axes = [unit(dim, i) for i in range(dim)]
     keys: list[Key] = [(zero, zero), *((e, e) for e in axes)]
-    sums = pair_sums(scene, kernel, keys, workers=workers).base
+    sums = pair_sums(scene, kernel, keys, targets=targets, workers=workers).base
     density = sums[zero, zero]
     return density, np.asarray(sum(sums[e, e] for e in axes) / (dim * density))
 

@@ -18,15 +18,16 @@ from sphtrunc.arithmetic.extended import Extended
 from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.precision import arithmetic
 from sphtrunc.arithmetic.summation import Array
-from sphtrunc.experiment import nested
+from sphtrunc.experiment import ghosts, nested
 from sphtrunc.experiment.fields import Bump, Values
 from sphtrunc.experiment.measurement import Block
-from sphtrunc.experiment.neighbour_sums import estimate, exact_derivatives
+from sphtrunc.experiment.neighbour_sums import estimate, exact_derivatives, moments_by_fields
 from sphtrunc.experiment.task import Task, is_wave
 from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood
 from sphtrunc.scenes.particles import Particles
+from sphtrunc.scenes.smoothing_lengths import Sloped
 
 
 def evaluated(task: Task, target: Indices) -> Block:
@@ -59,8 +60,11 @@ def _sum(
     owns: list[Any],
     target: Indices,
 ) -> Block:
+    cut = block.ghosts is not None
     samples = [
-        one.at(number, block, s, own, task.operator.form == PAIRED)
+        ghosts.sampled(task, number, block, s, one, own)
+        if cut
+        else one.at(number, block, s, own, task.operator.form == PAIRED)
         for one, own in zip(task.fields, owns, strict=True)
     ]
     health = Health()
@@ -74,11 +78,16 @@ def _sum(
             volume,
             task.kernel,
             task.operator,
-            task.degree,
+            None if cut else task.degree,
             samples,
             health,
             stretch,
             _density(task, number, block, volume),
+        )
+    if cut and task.degree is not None:
+        fields = dict(ghosts.monomials(task, number, block, s, task.degree))
+        moments = moments_by_fields(
+            number, s, volume, task.kernel, task.operator, fields, health, stretch
         )
     truth = exact_derivatives(task.operator, samples, len(s)) if samples else None
     errors = None
@@ -107,7 +116,8 @@ def _sum(
 
 def _density(task: Task, number: Any, block: Neighbourhood, volume: Any) -> Any:
     """ρ_a/ρ_b = (m_a V_b)/(m_b V_a), None where it is 1 throughout."""
-    if task.operator.form != SYMMETRIC or (block.volume.shape == (1, 1) and block.particle is None):
+    alike = block.volume.shape == (1, 1) or getattr(task.scene, "wall", None) is not None
+    if task.operator.form != SYMMETRIC or (alike and block.particle is None):
         return None
     particle = block.particle
     at_target = np.all(block.offset == 0.0, axis=0)
@@ -182,6 +192,8 @@ def _exactly(task: Task, target: Indices) -> Block:
             particle = stretch = None
             if isinstance(task.scene, Particles):
                 particle, stretch = task.scene.exact_pairs(int(one), task.kernel)
+            elif isinstance(task.scene, Sloped):
+                stretch = task.scene.exact_stretch(int(one), task.kernel)
             seen = Neighbourhood(
                 offset=offset.astype(np.float64)[:, :, None],
                 volume=volume.astype(np.float64)[:, None],

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import fsum
 from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic.summation import UNIT, Array
+from sphtrunc.arithmetic.summation import UNIT, Array, compensated_total
 from sphtrunc.experiment.momentum import FORMS, State, partner, parts_of, rates
 from sphtrunc.experiment.pair_matrices import Action, Part, act, same
 from sphtrunc.operators.forces import CORRECTED
@@ -139,7 +138,9 @@ def _defect(state: State, name: str, rule: str) -> tuple[Array, Array]:
 
 
 def _total(terms: Array) -> float:
-    return fsum(terms.ravel().tolist())
+    """Σ to twice the precision."""
+    high, low = compensated_total(terms.ravel())
+    return float(high + low)
 
 
 def _linear(force: Action, shift: Array) -> Residual:
@@ -178,7 +179,7 @@ def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Resid
     size = _total(np.abs(velocity) * force.size) + _total(np.abs(weight) * rate.size)
     bound = _total(np.abs(velocity) * force.bound) + _total(np.abs(weight) * rate.bound)
     bound += 8.0 * UNIT * size
-    return _relative(abs(fsum([*work.ravel().tolist(), *heat.ravel().tolist()])), bound, size)
+    return _relative(abs(_total(np.stack([work, heat]))), bound, size)
 
 
 def _relative(value: float, bound: float, size: float) -> Residual:

@@ -133,6 +133,45 @@ class Measurement:
         low, high = int(max(n * p - spread, 0)), int(min(n * p + spread + 1, n - 1))
         return value, [float(ordered[low]), float(ordered[high])]
 
+    @property
+    def explicit(self) -> bool:
+        """Whether the scene is explicit particles, which somebody may want one by one."""
+        return str(self.settings["scene"]).startswith("particles")
+
+    @property
+    def components(self) -> list[str]:
+        """A name for each component of the estimates: x, y, z; xx, xy, …; or the operator's."""
+        count = 0 if self.estimates is None else len(self.estimates)
+        axes = "xyz"[: self.settings["dim"]]
+        if self.settings["operator"] == "hessian":
+            return [f"{a}{b}" for i, a in enumerate(axes) for b in axes[i:]]
+        return list(axes) if count == len(axes) > 1 else [str(self.settings["operator"])]
+
+    @property
+    def estimate(self) -> list[dict[str, float]] | None:
+        """Of every component of the estimates of explicit particles: mean, rms, extremes and
+        quantiles over the targets, in units of A/length^k; None without a field or particles."""
+        if self.estimates is None or not self.explicit:
+            return None
+        rows = []
+        for values in self.estimates[:, self.used]:
+            if not values.size:
+                return None
+            size = float(np.abs(values).max()) or 1.0  # squares must not overflow
+            low, q1, median, q99, high = np.quantile(values, [0.0, 0.01, 0.5, 0.99, 1.0]).tolist()
+            rows.append(
+                {
+                    "mean": size * float((values / size).mean()),
+                    "rms": size * sqrt(float(((values / size) ** 2).mean())),
+                    "min": low,
+                    "p1": q1,
+                    "p50": median,
+                    "p99": q99,
+                    "max": high,
+                }
+            )
+        return rows
+
     def moment_statistics(self) -> dict[str, dict[str, Any]]:
         """ "0,0,0": mean, standard deviation over targets, 95 % confidence interval of the mean."""
         result = {}
@@ -146,6 +185,9 @@ class Measurement:
                 "std": 0.0 if self.exact_statistics else std,
                 "ci95": [mean - spread, mean + spread],
             }
+            if self.explicit:
+                low, median, high = np.quantile(values, [0.01, 0.5, 0.99]).tolist()
+                result[label(alpha)] |= {"p1": low, "p50": median, "p99": high}
         return result
 
     # -- how it is read ---------------------------------------------------------------------------
@@ -164,6 +206,7 @@ class Measurement:
             "flagged": self.flagged,
             "first_flagged": None if first is None else {"index": first[0], "neighbours": first[1]},
             "error": self.error,
+            **({} if self.estimate is None else {"estimate": self.estimate}),
             "moments": self.moment_statistics(),
             "rounding_bound": self.rounding_bound,
             "interrupted": self.interrupted,
@@ -226,6 +269,13 @@ class Measurement:
             lines.append(f"  max     {error['max']:.6e}")
         elif set_["field"] and self.flagged < self.targets:
             lines.append("No error: no exact derivatives of these values are known, see --moments")
+        if self.estimate is not None:
+            lines.append(
+                "Estimate      mean           rms            1 %            median         99 %"
+            )
+            for name, values in zip(self.components, self.estimate, strict=True):
+                figures = [values[key] for key in ("mean", "rms", "p1", "p50", "p99")]
+                lines.append(f"  {name:<10}" + "".join(f"{x:>14.6e} " for x in figures).rstrip())
         rows = self.moment_statistics()
         if rows:
             lines.append(

@@ -283,7 +283,7 @@ class Form:
         return self.force is not None and self.force.other(1.0, 2.0, 3.0, 5.0) != 0
 
     def degree(self, rule: str) -> int:
-        """`consistency` under a rule for h: a difference of two kernels is not zero for constants."""
+        """`consistency` under a rule: a difference of two kernels is not exact for constants."""
         apart = FORCE_RULES[rule][0] != FORCE_RULES[rule][1]
         return -1 if apart and self.two_ended else self.consistency
 

@@ -105,17 +105,44 @@ def estimate(
         else:
             back = number.ratio(number.number(np.ones(1)), density)
             moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
-    found = []
-    for one in fields:
-        seen = one.difference
-        if operator.form == SYMMETRIC:
-            seen = _symmetric(number, one, density)
-        elif not operator.uses_difference:
-            seen = one.difference + one.own
-        keys = dict.fromkeys(key for part in parts for key in part)
-        at = {key: weights.total(key, seen) for key in keys}
-        found.append([sum(c * at[key] for key, c in part.items()) for part in parts])
+    found = [applied(weights, parts, one, density) for one in fields]
     return _contracted(operator, found, fields, dim), moments
+
+
+def applied(
+    weights: Weights, parts: list[dict[Key, Any]], one: Any, density: Any = None
+) -> list[Any]:
+    """The components of the sums over a sampled field, (T,) each."""
+    operator = weights.operator
+    seen = one.difference
+    if operator.form == SYMMETRIC:
+        seen = _symmetric(weights.number, one, density)
+    elif not operator.uses_difference:
+        seen = one.difference + one.own
+    keys = dict.fromkeys(key for part in parts for key in part)
+    at = {key: weights.total(key, seen) for key in keys}
+    return [sum(c * at[key] for key, c in part.items()) for part in parts]
+
+
+def moments_by_fields(
+    number: Any,
+    s: list[Any],
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    fields: dict[MultiIndex, Any],
+    health: Health,
+    stretch: Any = None,
+) -> dict[MultiIndex, Any]:
+    """The moments of the first component as what it gives for s^α, sampled: where particles carry
+    other values than those of the field at their place."""
+    weights = Weights(number, s, volume, kernel, operator, stretch)
+    parts, _ = weights.coefficients(health)
+    moments = {alpha: applied(weights, parts[:1], one)[0] for alpha, one in fields.items()}
+    zero = unit(len(s), 0, 0)
+    if operator.uses_difference:
+        moments[zero] = number.number(np.full(_targets(s), float(operator.adds_own)))
+    return moments
 
 
 def _targets(s: list[Any]) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import isinf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,6 +70,11 @@ def estimate(
     Raises ValueError where the arithmetic asks for more than the scene can give.
     """
     kernel, operator, fields, degree = task.kernel, task.operator, task.fields, task.degree
+    if block.ghosts is not None:
+        raise ValueError(
+            "ghosts: the nested form has gradients at the ghosts as well, which are not given by"
+            " their values; expected none, or the form brookshaw"
+        )
     gradient, dim = operator.gradient, len(s)
     alphas = [] if degree is None else list(multi_indices(dim, degree))
     axes = operator.axes(dim)
@@ -160,7 +166,7 @@ def views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood) -> It
     if isinstance(scene, Particles):
         for part in steps:
             yield _of_particles(number, scene, kernel, block, part, wants)
-    elif isinstance(scene, Lattice) and KINDS[scene.kind].turned is None:
+    elif isinstance(scene, Lattice) and scene.wall is None and KINDS[scene.kind].turned is None:
         home = replace(scene, offset=(Fraction(0),) * scene.dim)
         around = home.neighbourhood(np.zeros(1, dtype=np.int64), kernel, **wants)
         around = _shaped(around, (1, 1))
@@ -289,12 +295,18 @@ def _exact_views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood
     most = fraction(kernel.support) ** 2
     box = None
     if isinstance(scene, Particles) and scene.period is not None:
-        box = fractions(scene.period) / fractions(scene.h[:1])[0]
+        own = fractions(scene.h[:1])[0]
+        box = [None if isinf(side) else Fraction(side) / own for side in scene.period.tolist()]
     for row, here in enumerate(near.T):
         t = wide - here[:, None]
         if box is not None:
-            t = np.array([[x - length * round(x / length) for x in axis]
-                          for axis, length in zip(t, box, strict=True)], dtype=object)  # fmt: skip
+            t = np.array(
+                [
+                    axis if side is None else [x - side * round(x / side) for x in axis]
+                    for axis, side in zip(t, box, strict=True)
+                ],
+                dtype=object,
+            )
         inside = (t * t).sum(axis=0) <= most
         yield View(
             rows=slice(row, row + 1),

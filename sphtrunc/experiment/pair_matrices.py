@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,42 +103,44 @@ def act(
     requests: Sequence[tuple[Sequence[Part], Array]],
     *,
     bound: bool = False,
+    targets: Any = None,
 ) -> list[Action]:
     """Parts applied to fields, all in as few passes over the pairs as there are sides.
 
     requests: (parts, field), the field (n,), or (d, n) where each part takes the component of its
-    axis. Raises ValueError as the engine does.
+        axis; targets: indices (T,) of the rows that are wanted, None for all
+    Raises ValueError as the engine does.
     """
-    sources: dict[tuple[str, int, int], int] = {}  # (side, id of r, id of A or 0) -> row
+    at: Any = slice(None) if targets is None else np.asarray(targets)
+    sources: dict[tuple[str, bytes, bytes], int] = {}  # (side, r, A or nothing) -> row
     rows: dict[str, list[Array]] = {}
     keys: dict[str, dict[int, dict[Key, None]]] = {}
     placed: list[list[int]] = []
-    kept: list[Any] = []  # so that an id stays one
+    named = _Names()
     for parts, field in requests:
         columns = [field[i] for i in range(cloud.dim)] if field.ndim == 2 else [field] * cloud.dim
-        kept.append(columns)
         places = []
         for part in parts:
-            own = columns[part.axis]
-            name = (part.side, id(part.right), 0 if part.own else id(own))
+            acted = columns[part.axis]
+            name = (part.side, named(part.right), b"" if part.own else named(acted))
             if name not in sources:
                 there = rows.setdefault(part.side, [])
                 sources[name] = len(there)
-                there.append(part.right if part.own else part.right * own)
+                there.append(part.right if part.own else part.right * acted)
             keys.setdefault(part.side, {}).setdefault(sources[name], {})[part.key] = None
             places.append(sources[name])
         placed.append(places)
     sums: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
     for side, fields in rows.items():
-        sums |= _passes(cloud, side, fields, keys[side], bound)
+        sums |= _passes(cloud, side, fields, keys[side], bound, targets)
     result = []
     for (parts, field), places in zip(requests, placed, strict=True):
-        value, error, size = np.zeros((3, cloud.dim, cloud.count))
+        value, error, size = np.zeros((3, cloud.dim, cloud.h[at].size))
         for part, place in zip(parts, places, strict=True):
             total, radius = sums[part.side, part.key, place]
-            left = part.left
+            left = part.left[at]
             if part.own:
-                left = left * (field if field.ndim == 1 else field[part.axis])
+                left = left * (field if field.ndim == 1 else field[part.axis])[at]
             term = left * total
             value[part.axis] += term
             size[part.axis] += np.abs(term)
@@ -149,8 +152,26 @@ def act(
     return result
 
 
+class _Names:
+    """Arrays by what they hold: forms make equal factors anew, which are to be summed once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Array, bytes]] = {}  # the array is kept, so its id stays its
+
+    def __call__(self, array: Array) -> bytes:
+        if id(array) not in self._known:
+            data = np.ascontiguousarray(array).tobytes()
+            self._known[id(array)] = array, blake2b(data, digest_size=16).digest()
+        return self._known[id(array)][1]
+
+
 def _passes(
-    cloud: Cloud, side: str, fields: list[Array], keys: dict[int, dict[Key, None]], bound: bool
+    cloud: Cloud,
+    side: str,
+    fields: list[Array],
+    keys: dict[int, dict[Key, None]],
+    bound: bool,
+    targets: Any,
 ) -> dict[tuple[str, Key, int], tuple[Array, Any]]:
     """The sums that are asked for on one side, in units of length, and their bounds."""
     scene = cloud.scene(side)
@@ -167,10 +188,11 @@ def _passes(
             fields=np.stack([fields[f] for f in chosen]),
             field_keys=some,
             bound=bound,
+            targets=targets,
             workers=cloud.workers,
         ).sums()
         for key in some:
-            scale = _length_power(cloud.h, key)
+            scale = _length_power(cloud.h[done.targets], key)
             for row, f in enumerate(chosen):
                 radius = None
                 if bound:

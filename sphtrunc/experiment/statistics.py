@@ -18,7 +18,7 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices
-from sphtrunc.scenes.scene import Scene, sample
+from sphtrunc.scenes.scene import Scene, every_target, sample, target_count
 
 if TYPE_CHECKING:
     from sphtrunc.experiment.task import Task
@@ -38,7 +38,7 @@ def until(
     `rtol`; how many depends on nothing else."""
     if not 1e-6 <= rtol < 1:
         raise ValueError(f"rtol: got {rtol:g}, expected a number from 1e-6 to below 1")
-    limit = min(most, scene.population)
+    limit = min(most, target_count(scene))
     done, goal = 0, min(FIRST, limit)
     while done < goal:
         run(sample(scene, done, goal, seed), goal)
@@ -52,7 +52,7 @@ def _chosen(scene: Scene, targets: object, seed: int) -> Indices:
     """The targets asked for, as indices."""
     population = scene.population
     if targets is None:
-        targets = 4096 if isinstance(scene, Jittered) else "all"
+        targets = 4096 if isinstance(getattr(scene, "base", scene), Jittered) else "all"
     if isinstance(targets, str):
         if targets != "all":
             raise ValueError(f"targets: got {targets!r}, expected a number, 'all' or indices")
@@ -60,11 +60,11 @@ def _chosen(scene: Scene, targets: object, seed: int) -> Indices:
             raise ValueError(
                 f"targets: this scene has {population} particles; expected a number of them"
             )
-        return np.arange(population, dtype=np.int64)
+        return every_target(scene)
     if isinstance(targets, (int, np.integer)) and not isinstance(targets, bool):
         if not 1 <= targets <= 2**26:
             raise ValueError(f"targets: got {targets}, expected at least 1 and at most 2^26")
-        return sample(scene, 0, min(int(targets), population), seed)
+        return sample(scene, 0, min(int(targets), target_count(scene)), seed)
     index = np.asarray(targets)
     if index.ndim != 1 or index.dtype.kind not in "iu" or not index.size:
         raise ValueError("targets: expected a number, 'all' or a list of indices")

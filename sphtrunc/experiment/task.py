@@ -35,8 +35,8 @@ class Task:
     def cells(self) -> int:
         """The number of pairs that are looked at for a target, about."""
         rows = max(1, self.scene.rows(self.kernel))
-        nested = self.operator.form == NESTED and not isinstance(self.scene, Lattice)
-        return rows * rows if nested else rows
+        alike = isinstance(self.scene, Lattice) and self.scene.wall is None
+        return rows * rows if self.operator.form == NESTED and not alike else rows
 
 
 def is_wave(fields: tuple[Field, ...]) -> bool:
@@ -46,7 +46,8 @@ def is_wave(fields: tuple[Field, ...]) -> bool:
 def described(task: Task) -> dict[str, Any]:
     """Every option as it was resolved."""
     scene: Any = task.scene
-    base = getattr(scene, "lattice", scene)
+    carried = getattr(scene, "base", scene)
+    base = getattr(carried, "lattice", carried)
     settings: dict[str, Any] = {
         "kernel": {
             "name": task.kernel.name,
@@ -62,8 +63,8 @@ def described(task: Task) -> dict[str, Any]:
         "dx_over_h": str(base.dx_over_h) if hasattr(base, "dx_over_h") else None,
         "offset": [str(o) for o in base.offset] if hasattr(base, "dx_over_h") else None,
         "extent": getattr(base, "extent", None),
-        "jitter": getattr(scene, "sigma", 0.0),
-        "distribution": getattr(scene, "distribution", None),
+        "jitter": getattr(carried, "sigma", 0.0),
+        "distribution": getattr(carried, "distribution", None),
         "volume": scene.volume,
         "field": _field_text(task.fields),
         "h_over_lambda": getattr(task.fields[0], "h_over_lambda", None) if task.fields else None,
@@ -73,7 +74,18 @@ def described(task: Task) -> dict[str, Any]:
         "precision": task.precision,
         "bound": task.bound,
     }
-    settings["scene"] = _scene_text(settings, scene)
+    if carried is not scene:
+        settings["h_gradient"] = [str(g) for g in scene.gradient]
+        settings["h_rule"] = scene.rule
+    wall = getattr(base, "wall", None)
+    if wall is not None:
+        settings["wall"] = {
+            "eta": str(wall.eta),
+            "at": str(base.wall_phase % 1),
+            "ghosts": wall.ghosts,
+            "weight": str(wall.share),
+        }
+    settings["scene"] = _scene_text(settings, carried)
     return settings
 
 
@@ -86,6 +98,13 @@ def _scene_text(settings: dict[str, Any], scene: Any) -> str:
         text += f", offset {', '.join(settings['offset'])}"
     if settings["distribution"]:
         text += f", jitter {settings['jitter']:g} Δx ({settings['distribution']})"
+    if "h_rule" in settings:
+        slope = ", ".join(settings["h_gradient"])
+        text += f", h = 1 + g·s, g = ({slope}), {settings['h_rule']}"
+    if "wall" in settings:
+        wall = settings["wall"]
+        text += f", a wall at {wall['eta']} h, {wall['at']} steps before the first plane"
+        text += f", ghosts {wall['ghosts']}"
     return text + f", volume {settings['volume']}"
 
 

@@ -21,6 +21,9 @@ FIGURES = {
     "disorder-h": ("disorder", "Error against h/λ for σ/Δx from 0 to 0.2."),
     "disorder-dx": ("disorder", "Error against Δx/h for σ/Δx from 0 to 0.2."),
     "randomness": ("disorder", "Gaussian, uniform, blue, relaxed and graded particles, equal σ."),
+    "structure": ("structure", "S(k) of independent, displaced and relaxed particles."),
+    "disorder-kinds": ("structure", "Gradient noise against neighbours, each kind of disorder."),
+    "relaxation": ("structure", "Gradient noise at and between particles as they relax."),
     "first-order": ("disorder", "CSPH and RKPM-1 against standard and difference forms."),
     "3d-standard": ("disorder", "3D, σ/Δx = 0.2, against h/λ and neighbours."),
     "3d-corrected": ("disorder", "The same for corrected forms."),
@@ -29,6 +32,17 @@ FIGURES = {
     "second-derivatives": ("disorder", "Forms of the Laplacian, uniform and disordered."),
     "round-off": ("tradeoffs", "Rounding of three forms in three precisions, and its floors."),
     "work-precision": ("tradeoffs", "Error against pairs, along the best path."),
+    "dispersion": ("stability", "Sound on a lattice: forms and pressures, and the limit."),
+    "tensile": ("stability", "Growth under tension over Δx/h and P₀, and in runs."),
+    "pairing": ("stability", "The weakest waves against neighbours, both branches, on fcc."),
+    "remedies": ("stability", "Artificial stress, total Lagrangian, stress points."),
+    "wall-profile": ("walls", "Leading errors against the distance from a wall, each remedy."),
+    "wall-convergence": ("walls", "Error against h/λ beside a wall, orders −1 to 2."),
+    "wall-lattice": ("walls", "What the place of a wall in the lattice adds."),
+    "time-step": ("stability", "The largest stable time step of leapfrog."),
+    "conservation": ("conserving", "Momentum error against truncation error, form by form."),
+    "variable-h": ("conserving", "Moments with a gradient of h; six rules in an atmosphere."),
+    "density-drift": ("conserving", "Summed against integrated density, six ways to step."),
 }
 
 

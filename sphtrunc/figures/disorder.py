@@ -4,6 +4,7 @@ dimensions, and kinds of disorder of equal size."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from math import pi
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,9 @@ from sphtrunc.operators.terms import FATEHI_MANZARI
 from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
+from sphtrunc.study.structure import errors_by_structure
 from sphtrunc.theory.field_error import Split, predict_waves
+from sphtrunc.theory.fields import Waves
 
 if TYPE_CHECKING:
     from sphtrunc.experiment.measurement import Measurement
@@ -34,6 +37,7 @@ CSPH = Operator("gradient", "difference", "csph")
 RKPM = Operator("gradient", "standard", "rkpm-1")
 SEED = 7
 NEIGHBOURS = r"neighbours $N_{nb}$"
+SPREAD = "the spread at particles is taken to be that between them"
 BEYOND = "the prediction is to first order in the algebra of the correction"
 
 
@@ -210,12 +214,18 @@ def randomness(kernel: str | None, quick: bool) -> Picture:
             )
         ]
         curves = against_h(shape, cases, fine, coarse, rtol)
-        for label, scene in (
-            ("relaxed (measured only)", relaxed(float(ratio), sigma, 2000 if quick else 20000)),
-            ("graded (measured only)", waving(float(ratio), sigma, 100 if quick else 400)),
-        ):
-            (row,) = waves(scene, shape, [operator], coarse, seed=SEED, workers=2)
-            curves.append(points(label, coarse, row, None))
+        ring = relaxed(float(ratio), sigma, 2000 if quick else 20000)
+        line = sorted({*fine, *coarse})
+        signals = Waves(2 * pi * np.array(line), np.ones(1))
+        found = errors_by_structure(ring, shape, operator, signals)
+        at = {x: split.total for x, split in zip(line, found, strict=True)}
+        curves.append(predicted("relaxed, from its S(k)", line, list(at.values())))
+        (row,) = waves(ring, shape, [operator], coarse, seed=SEED, workers=2)
+        seen = points("relaxed, from its S(k)", coarse, row, [at[x] for x in coarse], operator)
+        curves.append(replace(seen, beyond=SPREAD))
+        graded_line = waving(float(ratio), sigma, 100 if quick else 400)
+        (row,) = waves(graded_line, shape, [operator], coarse, seed=SEED, workers=2)
+        curves.append(points("graded (measured only)", coarse, row, None))
         panels.append(Panel(H, ERROR, tuple(curves), title=title))
     caption = rf"1D, {named(shape)}, $\Delta x/h = 1/2$, displacements of $\sigma/\Delta x = 0.1$"
     return Picture("randomness", caption, tuple(panels))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb
-from re import fullmatch
+from re import findall, fullmatch
 
 from sympy import QQ, Expr, Poly, Rational
 
@@ -121,7 +121,7 @@ def named(name: str) -> Kernel:
             "kernel: hoct4 has an irrational knot, (60 - sqrt(826))/146 of its support, and is not"
             " in the catalogue; core-triangle is its rational relative"
         )
-    raise ValueError(f"kernel: unknown name {_short(name)}{_nearest(key)}")
+    raise ValueError(f"kernel: unknown name {_short(name)}{_nearest(name)}")
 
 
 def _b_spline(n: int) -> Kernel:
@@ -146,11 +146,48 @@ def _short(name: str) -> str:
     return repr(name if len(name) <= 40 else name[:37] + "...")
 
 
-def _nearest(key: str) -> str:
-    from difflib import get_close_matches
-
-    near = get_close_matches(key[:80], [*names(), *FAMILIES], n=1, cutoff=0.5)
-    if near:
-        hint = f"{near[0]}:N" if near[0] in FAMILIES else near[0]
-        return f"; did you mean {hint}? `sphtrunc kernels` lists them all"
+def _nearest(name: str) -> str:
+    near = suggestion(name)
+    if near and near != name.strip().lower():
+        return f"; did you mean {near}? `sphtrunc kernels` lists them all"
     return "; `sphtrunc kernels` lists them all, or write a formula such as '0..2: (2-q)^3'"
+
+
+#: what codes and papers call them, as words in any order -> the name here
+KNOWN_AS: dict[str, str] = {
+    "m 4": "cubic-spline", "m 5": "quartic-spline", "m 6": "quintic-spline",
+    "wendland quintic": "wendland-c2", "wendland quintic c 4": "wendland-c4",
+    "wendland quintic c 6": "wendland-c6", "wendland 2": "wendland-c2", "wendland 4": "wendland-c4",
+    "wendland 6": "wendland-c6", "wendland 8": "wendland-c8", "gauss": "gaussian",
+    "desbrun": "spiky", "mueller": "poly6", "top hat": "polynomial:-1",
+    "tophat": "polynomial:-1", "hat": "b-spline:2", "epanechnikov": "polynomial:0",
+    "quadratic": "johnson-quadratic",
+}  # fmt: skip
+
+
+def suggestion(name: str) -> str:
+    """The name that was probably meant, or "": by its words in any order, then by its letters.
+
+    >>> suggestion("Wendland2C"), suggestion("wendland"), suggestion("QuinticSpline")
+    ('wendland-c2', 'wendland-c2', 'quintic-spline')
+    """
+    from difflib import SequenceMatcher
+
+    words = _words(name[:80]) - {"kernel", "function", "sph"}
+    usual = {family: f"{family}:N" for family in FAMILIES}
+    usual |= {n: n for n in (*ALIASES, *SHAPES, "gaussian", "super-gaussian", *names())} | KNOWN_AS
+    for text, meant in usual.items():
+        if words and words == _words(text):
+            return meant
+    usual = {text: meant for text, meant in usual.items() if text not in KNOWN_AS}
+    within = [meant for text, meant in usual.items() if words and words <= _words(text)]
+    if within:
+        return within[0]
+    ranked = [(SequenceMatcher(None, name.lower()[:80], text).ratio(), text) for text in usual]
+    ratio = max(ratio for ratio, _ in ranked)
+    return usual[next(text for r, text in ranked if r == ratio)] if ratio >= 0.5 else ""
+
+
+def _words(text: str) -> set[str]:
+    """Runs of letters and of digits, in lower case; a capital begins a word."""
+    return {word.lower() for word in findall("[A-Z]?[a-z]+|[A-Z]+|[0-9]+", text)}

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+import mpmath
 from sympy import QQ, Expr, Poly, Rational, log, pi, radsimp, root, sqrt
 
 from sphtrunc.kernels.arguments import dimension, rational
@@ -190,6 +192,46 @@ def fwhm(kernel: Kernel) -> Expr:
         f"kernel {kernel.name!r}: it does not pass through half of its central value"
         " continuously, so it has no full width at half maximum"
     )
+
+
+def lengths(kernel: Kernel, dim: int) -> dict[str, Expr]:
+    """What codes call h, in units of the h here: those that the kernel has, as exact numbers.
+
+    Without the widths at half maximum, which are roots of polynomials: see `half_width`.
+    """
+    found: dict[str, Expr] = {"h": Rational(1), "support": kernel.support}
+    with suppress(ValueError):
+        sigma = two_sigma(kernel, dim) / 2
+        found |= {"two-sigma": 2 * sigma, "sigma": sigma}
+    return found
+
+
+@lru_cache(maxsize=256)
+def half_width(kernel: Kernel, digits: int = 50) -> Any:
+    """Half the full width at half maximum over h as an mpmath number; 0 where there is none."""
+    if not kernel.pieces:
+        with mpmath.workdps(digits):
+            return mpmath.sqrt(mpmath.log(2)) if kernel.support > sqrt(log(2)) else mpmath.mpf(0)
+    with mpmath.workdps(digits + 10):
+        pieces = [[mpmath.mpf(c.p) / c.q for c in p.all_coeffs()] for p in kernel.pieces]
+        level = pieces[0][-1] / 2
+        if not level > 0:
+            return mpmath.mpf(0)
+        knots = [mpmath.mpf(k.p) / k.q for k in kernel.knots]
+        ends = [mpmath.polyval(p, k) for p, k in zip(pieces, knots[1:], strict=True)]
+        here = next((i for i, end in enumerate(ends) if end <= level), None)
+        if here is None or mpmath.polyval(pieces[here], knots[here]) <= level:
+            return mpmath.mpf(0)  # it jumps over the half, at its edge or before
+        piece, low, high = pieces[here], knots[here], knots[here + 1]
+        for _ in range(48):
+            middle = (low + high) / 2
+            above = mpmath.polyval(piece, middle) > level
+            low, high = (middle, high) if above else (low, middle)
+        root = (low + high) / 2
+        for _ in range(3):  # Newton's digits double: 14, 28, 56, 112
+            value, slope = mpmath.polyval(piece, root, derivative=True)
+            root -= (value - level) / slope
+        return +root
 
 
 def _closed(level: Poly, found: Expr) -> Expr:

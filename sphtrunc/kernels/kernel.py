@@ -197,12 +197,13 @@ class Kernel:
 
     def _radial(self, pieces: Sequence[Poly], power: int) -> Rational:
         """∫₀^κ qⁿ f(q) dq for f piecewise polynomial on the knots."""
-        weight = Poly(q**power, q, domain=QQ)
-        total = Rational(0)
+        total = QQ(0)
         for a, b, piece in zip(self.knots, self.knots[1:], pieces, strict=False):
-            primitive = (piece * weight).integrate(q)
-            total += primitive.eval(b) - primitive.eval(a)
-        return total
+            low, high = QQ(int(a.p), int(a.q)), QQ(int(b.p), int(b.q))
+            for n, c in enumerate(reversed(piece.rep.to_list()), start=power + 1):
+                if c:
+                    total += c * (high**n - low**n) / n
+        return Rational(total.numerator, total.denominator)
 
     # -- floats -----------------------------------------------------------------------------------
 

@@ -86,9 +86,14 @@ def smoothing_error(kernel: Kernel | Gaussian, k: ArrayLike, dim: int = 1) -> ND
 
 
 def radial(kernel: Kernel | Gaussian, k: ArrayLike, dim: int, m: int = 0) -> NDArray[np.float64]:
-    """Φ_m(k) = (−(1/k) d/dk)^m F(k) in float64, shape of k; see the head of this file."""
+    """Φ_m(k) = (−(1/k) d/dk)^m F(k) in float64, shape of k; see the head of this file.
+
+    Φ_{−1} is the transform of −Ŵ′/q, whose gradient is −k F.
+    """
     points = np.abs(_checked(k))
     dim = dimension(dim)
+    if m == -1:
+        return _quadrature(kernel, points.reshape(-1), dim, m).reshape(points.shape)
     closed = getattr(kernel, "radial", None)
     if closed is not None:
         values = closed(points, dim, m)
@@ -275,7 +280,8 @@ def _closed(kernel: Kernel, k: Floats, dim: int, m: int) -> Floats:
 
 
 def _quadrature(kernel: Kernel | Gaussian, k: Floats, dim: int, m: int) -> Floats:
-    """SPHERE_d ∫ q^{d−1+2m} Ŵ Λ_{d+2m}(kq) dq / (d(d+2)…), panel by panel between the knots."""
+    """SPHERE_d ∫ q^{d−1+2m} Ŵ Λ_{d+2m}(kq) dq / (d(d+2)…), panel by panel between the knots; for
+    m = −1 of −Ŵ′/q with m = 0."""
     result = np.empty_like(k)
     octave = np.ceil(np.log2(np.maximum(k, 1e-300)))
     for exponent in np.unique(octave):
@@ -284,7 +290,7 @@ def _quadrature(kernel: Kernel | Gaussian, k: Floats, dim: int, m: int) -> Float
         step = max(1, _BLOCK // len(x))
         for start in range(0, len(here), step):
             part = here[start : start + step]
-            result[part] = _lambda(dim + 2 * m, np.multiply.outer(k[part], x)) @ weight
+            result[part] = _lambda(dim + 2 * max(m, 0), np.multiply.outer(k[part], x)) @ weight
     return result
 
 
@@ -301,7 +307,9 @@ def _nodes(kernel: Kernel | Gaussian, dim: int, m: int, k: float) -> tuple[Float
         nodes.append((edges[:-1, None] + half[:, None] * (1 + t)).ravel())
         weights.append((half[:, None] * weight).ravel())
     x, w = np.concatenate(nodes), np.concatenate(weights)
-    sphere = {1: 2.0, 2: 2 * pi, 3: 4 * pi}[dim] / _ladder(dim, m)
+    sphere = {1: 2.0, 2: 2 * pi, 3: 4 * pi}[dim] / _ladder(dim, max(m, 0))
+    if m < 0:
+        return x, -w * kernel.dw(x, dim) * x ** (dim - 2) * sphere
     return x, w * kernel.w(x, dim) * x ** (dim - 1 + 2 * m) * sphere
 
 

@@ -35,26 +35,24 @@ def _bounded(base: Plain, kernel: Kernel, q: Ball, derivative: int, dim: int) ->
     """The rounding of the evaluation, and the slope times the radius of q."""
     value = kernel_values(base, kernel, q.middle, derivative, dim)
     own = (8.0 if kernel.degree > 11 else 4.0) * SLACK * UNIT * np.abs(value) + TINY
-    right = q.middle + q.radius * SLACK
+    # ends a float further out: what is not known exactly may lie on either side of a knot
+    some = q.radius > 0.0
+    right = np.where(some, np.nextafter(q.middle + q.radius * SLACK, np.inf), q.middle)
     left = np.maximum(q.middle - q.radius * SLACK, 0.0)
+    left = np.where(some, np.nextafter(left, 0.0), q.middle)
     slope = np.maximum(
         np.abs(float_kernel(kernel, left, derivative + 1, dim)),
         np.abs(float_kernel(kernel, right, derivative + 1, dim)),
     )
     curvature = _largest(kernel, derivative + 2, dim)
     own = own + 2.0**-77 * _largest(kernel, derivative, dim)  # for pairs: see FINER
-    radius = own + q.radius * (slope * SLACK + 2.0 * curvature * q.radius)
+    radius = own + q.radius * (slope * SLACK + curvature * (right - left))
     if jumps_anywhere(kernel, derivative):
         ends = (
             float_kernel(kernel, left, derivative, dim),
             float_kernel(kernel, right, derivative, dim),
         )
-        radius = radius + sum(np.abs(end - value) for end in ends)
-    if jumps_anywhere(
-        kernel, derivative + 1
-    ):  # the larger slope may be on the other side of the knot
-        middle = np.abs(float_kernel(kernel, q.middle, derivative + 1, dim))
-        radius = radius + q.radius * middle
+        radius = radius + SLACK * sum(np.abs(end - value) for end in ends)
     return Ball(value, radius)
 
 

@@ -269,6 +269,7 @@ class ArtificialStress:
     doi:10.1016/S0045-7825(01)00254-7).
 
     epsilon: ε; power: n; spacing: Δp in units of Δx
+    frozen: whether the repulsion keeps the pressure that the particles have at rest
 
     Raises ValueError for ε < 0, n < 1 or a spacing that is not positive.
     """
@@ -276,6 +277,7 @@ class ArtificialStress:
     epsilon: Any
     power: int = 4
     spacing: Any = 1
+    frozen: bool = False
 
     def __post_init__(self) -> None:
         if not self.epsilon >= 0:
@@ -285,9 +287,9 @@ class ArtificialStress:
         if not self.spacing > 0:
             raise ValueError(f"artificial stress: got Δp = {self.spacing} Δx, expected Δp > 0")
 
-    def factor(self, pressure: Any, f: Any) -> Any:
-        """1 − ε fⁿ under tension, 1 elsewhere, for the pressure at one end of a pair."""
-        return 1 - self.epsilon * f**self.power * (pressure.real < 0)
+    def repulsion(self, weight: Any, pressure: Any, f: Any) -> Any:
+        """What is added to the weight of one end of a pair: −ε fⁿ of it where its P < 0."""
+        return -self.epsilon * f**self.power * weight * (pressure.real < 0)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _sten
 from sphtrunc.scenes.neighbourhood import EDGE, assemble
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
-from sphtrunc.scenes.sites import KINDS
+from sphtrunc.scenes.sites import KINDS, units
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -25,12 +25,16 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Jittered:
     """A lattice whose particles are displaced at random: u, of standard deviation σ/Δx along each
-    axis, is a pure function of (seed, lattice index). Made by `jittered`."""
+    axis, is a pure function of (seed, lattice index). Made by `jittered`.
+
+    anywhere: the targets are not the particles but points of space, one at random for each
+    """
 
     lattice: Lattice
     sigma: float
     distribution: str
     seed: int
+    anywhere: bool = False
 
     @property
     def dim(self) -> int:
@@ -63,10 +67,17 @@ class Jittered:
     @property
     def target_moves(self) -> bool:
         """A target is a particle and moves with it, unless the lattice has an offset."""
-        return not any(self.lattice.offset)
+        return not any(self.lattice.offset) and not self.anywhere
+
+    @property
+    def _cell(self) -> Array:
+        """The primitive vectors as rows, in Δx: targets anywhere lie in the cell that they span."""
+        length = np.array([float(u) for u in units(self.lattice.kind)])
+        return np.asarray(np.array(KINDS[self.lattice.kind].primitive) * length)
 
     def _sites(self, kernel: Kernel, reach: int = 1) -> Indices:
         slack = self.largest * (2.0 if self.target_moves else 1.0)
+        slack += 0.5 * float(np.abs(self._cell).sum(axis=0).max()) if self.anywhere else 0.0
         margin = 1.0 + 3.0 * slack if self.volume == "cell" else 0.0
         reach += self.volume == "summation"
         return _stencil(self.lattice, kernel, slack, margin, reach)
@@ -104,6 +115,14 @@ class Jittered:
             u *= scale
             yield u
 
+    def _own(self, origin: jitter.Bits) -> list[Array]:
+        """Where the targets are, beside their sites, along each axis in Δx."""
+        if self.anywhere:
+            u = [jitter.uniform01(origin, self.seed, 500 + i) - 0.5 for i in range(self.dim)]
+            return list(np.tensordot(self._cell.T, np.stack(u), axes=1))
+        own = list(self._displacement(origin))
+        return own if self.target_moves else [0.0 * u for u in own]
+
     def origin(self, target: Indices) -> Indices:
         """Integer points (d, T) of the targets 0 … extent^d − 1."""
         rest, steps = target, []
@@ -128,11 +147,11 @@ class Jittered:
         dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
-        own = list(self._displacement(origin))
+        own = self._own(origin)
         offset = np.empty((self.dim, *place.shape))
         low, error = [], []
         for axis, u in enumerate(self._displacement(place)):
-            row, mine = base[axis][:, None], own[axis] if self.target_moves else 0.0 * own[axis]
+            row, mine = base[axis][:, None], own[axis]
             if base_low is not None:
                 difference = two_sum(u, np.broadcast_to(-mine, u.shape))
                 both = dd_add(difference, (row, base_low[axis][:, None]))
@@ -154,8 +173,7 @@ class Jittered:
         m = self._sites(kernel, reach)
         origin = self.origin(np.array([target]))
         moved = fractions(self.displacement(m + origin))
-        if self.target_moves:
-            moved -= fractions(self.displacement(origin))
+        moved -= fractions(np.stack(self._own(jitter.place(origin))))
         offset = (_exact_positions(self.lattice, m) + moved) * self.lattice.dx_over_h
         volume = np.full(m.shape[1], self.lattice.dx_over_h**self.dim, dtype=object)
         if self.volume == "cell":
@@ -167,7 +185,12 @@ class Jittered:
 
 
 def jittered(
-    lattice: Lattice, sigma: float, distribution: str = "gaussian", seed: int = 0
+    lattice: Lattice,
+    sigma: object,
+    distribution: str = "gaussian",
+    seed: int = 0,
+    *,
+    anywhere: bool = False,
 ) -> Jittered:
     """The lattice with every particle displaced, the target too (unless it sits at an offset).
 
@@ -177,6 +200,10 @@ def jittered(
         lattice neighbours, v Gaussian: u_n = (v_n − mean v)/√(1 + 1/z), so that the spectrum is
         that of v times (1 − mean cos k·e)²/(1 + 1/z), z the number of neighbours.
     seed: 0 … 2⁶³ − 1.
+    anywhere: targets are points of space at random, not particles.
+
+    Beside a wall every target is at the same distance from it, less its own displacement, and a
+    particle is on the side where its site is.
 
     Raises ValueError for what is out of range.
     """
@@ -192,5 +219,16 @@ def jittered(
             f"distribution: blue needs the same neighbours at every site, {lattice.kind} has two"
             " sorts; expected gaussian or uniform, or another lattice"
         )
+    wall = lattice.wall
+    if wall is not None and wall.ghosts != "none":
+        raise ValueError(
+            f"ghosts: got {wall.ghosts} with displaced particles, which have no images; expected"
+            " none"
+        )
+    if wall is not None and wall.share != 1 and lattice.wall_phase.denominator == 1:
+        raise ValueError(
+            "jitter: a displaced particle is not on the wall; expected wall-weight 1, or wall-at"
+            " half-way"
+        )
     _whole("seed", seed, 0, 2**63 - 1)
-    return Jittered(lattice, value, distribution, int(seed))
+    return Jittered(lattice, value, distribution, int(seed), anywhere)

@@ -8,7 +8,7 @@ displacements, so no digit is lost however large the scene is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from sphtrunc.arithmetic.precision import arithmetic_for
 from sphtrunc.arithmetic.rational import exact, fraction
 from sphtrunc.arithmetic.summation import Array, dd_from_ratio
-from sphtrunc.scenes.neighbourhood import EDGE, summed
+from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, summed
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.random_numbers import MOST_INDICES as MOST_INDICES
 from sphtrunc.scenes.sites import DEFAULT, KINDS, sites, units
+from sphtrunc.scenes.walls import PLACES, Wall
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -36,13 +37,14 @@ VOLUMES = ("constant", "cell", "summation")
 
 @dataclass(frozen=True)
 class Lattice:
-    """An undisplaced lattice: one target stands for all. Made by `lattice`."""
+    """An undisplaced lattice: one target stands for all. By `lattice` and `beside_wall`."""
 
     kind: str
     dx_over_h: Fraction
     offset: tuple[Fraction, ...]
     volume: str
     extent: int
+    wall: Wall | None = None
 
     @property
     def dim(self) -> int:
@@ -59,6 +61,13 @@ class Lattice:
         """The number of particles of a scene of this extent."""
         return int(self.extent**self.dim)
 
+    @property
+    def wall_phase(self) -> Fraction:
+        """φ of its wall: the planes m with m + φ > 0 are fluid, that with m + φ = 0 is on it."""
+        if self.wall is None:
+            raise ValueError("wall: this lattice has none")
+        return self.wall.phase(self.kind, self.dx_over_h, self.offset)
+
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours."""
         return int(_stencil(self, kernel).shape[1])
@@ -73,6 +82,8 @@ class Lattice:
         reach: int = 1,
     ) -> Neighbourhood:
         """The stencil out to so many supports, (d, N, 1): exact numbers, rounded once."""
+        if self.wall is not None:
+            return _cut(self, self.wall, target, kernel, extended, errors, reach)
         m = _stencil(self, kernel, reach=reach)
         s, low = _positions(self, m, self.dx_over_h, extended or errors)
         rest = None if low is None else low[:, :, None]
@@ -106,7 +117,12 @@ class Lattice:
         """Offsets (d, N) and volumes (N,) as arrays of Fractions."""
         m = _stencil(self, kernel, reach=reach)
         offset = _exact_positions(self, m) * self.dx_over_h
-        return offset, np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
+        volume = np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
+        if self.wall is not None:
+            if self.wall.ghosts != "none":
+                raise ValueError("precision: exact sums have no ghosts; expected ghosts none")
+            volume[_on_wall(self, m)] *= self.wall.share
+        return offset, volume
 
 
 # ---------------------------------------------------------------------------- how scenes are made
@@ -162,7 +178,116 @@ def lattice(
     return Lattice(kind, ratio, shift, volume, int(extent))
 
 
+def beside_wall(
+    scene: Lattice,
+    eta: object,
+    *,
+    at: object = None,
+    ghosts: str = "none",
+    weight: object = None,
+) -> Lattice:
+    """The lattice on one side of a plane wall, or of a free surface, normal to the first axis.
+
+    eta: η, the distance of the target from the wall in h
+    at: where the lattice has the wall: "particle", "half-way", or the steps of its planes from the
+        wall to the first one; this decides the offset along the first axis. None: where the offset
+        puts the wall.
+    ghosts: beyond the wall "none"; "mirror" or "odd", images of the particles with the value A or
+        2 A_wall − A of their original; "dummy", the lattice continued, with Shepard means of the
+        fluid
+    weight: what part of a particle on the wall counts, 1/2 unless given
+
+    Raises ValueError for what is out of range.
+    """
+    if scene.volume != "constant":
+        raise ValueError(f"wall: got volumes {scene.volume}, expected constant ones beside a wall")
+    if weight is not None and ghosts != "none":
+        raise ValueError(
+            f"wall-weight: with {ghosts} ghosts a particle on the wall counts once; expected none"
+        )
+    place = None if at is None else exact(PLACES.get(str(at), at), "wall-at")
+    wall = Wall(exact(eta, "wall"), place, ghosts, exact(weight or "1/2", "wall-weight"))
+    offset, _ = wall.placed(scene.kind, scene.dx_over_h, scene.offset)
+    return replace(scene, offset=offset, wall=replace(wall, at=None))
+
+
 # --------------------------------------------------------------------------------------- the parts
+
+
+def _on_wall(lattice: Lattice, m: Indices) -> NDArray[np.bool_]:
+    phase = lattice.wall_phase
+    on: NDArray[np.bool_] = m[0] == -phase if phase.denominator == 1 else np.zeros(m.shape[1], bool)
+    return on
+
+
+def _cut(
+    lattice: Lattice,
+    wall: Wall,
+    target: Indices,
+    kernel: Kernel,
+    extended: bool,
+    errors: bool,
+    reach: int,
+) -> Neighbourhood:
+    """The stencil on the fluid's side of a wall, (d, N, 1), and behind it the ghosts."""
+    wall.require_seen(lattice.kind, lattice.dx_over_h, lattice.offset, fraction(kernel.support))
+    m = _stencil(lattice, kernel, reach=reach)
+    wide, edge = extended or errors, -lattice.wall_phase
+    here = _positions(lattice, m, lattice.dx_over_h, wide)
+    parts, images, on_wall = [here], [here], [_on_wall(lattice, m)]
+    mirrored = wall.ghosts in ("mirror", "odd")
+    shift = 2 * wall.eta / lattice.dx_over_h if mirrored else Fraction(0)
+    there = replace(lattice, offset=(lattice.offset[0] + shift, *lattice.offset[1:]), wall=None)
+    radius = reach * float(kernel.support) / float(lattice.dx_over_h)
+    others = _cached_sites(lattice.kind, radius, there.offset, 0.0)
+    others = others[:, others[0] >= edge if mirrored else others[0] < edge]
+    if wall.ghosts != "none" and others.size:
+        s, low = _positions(there, others, lattice.dx_over_h, wide)
+        on_wall.append(_on_wall(lattice, others))
+        if mirrored:  # originals, as the image of the target sees them
+            images.append(_positions(lattice, others, lattice.dx_over_h, wide))
+            s[0] *= -1.0
+            if low is not None:
+                low[0] *= -1.0
+        parts.append((s, low))
+    s, low = _joined(parts)
+    rest = None if low is None else low[:, :, None]
+    cell = lattice.dx_over_h**lattice.dim
+    volumes = np.array([dd_from_ratio(*v.as_integer_ratio()) for v in (cell, cell * wall.share)])
+    volume, volume_low = volumes[np.concatenate(on_wall).astype(np.intp)].T[:, :, None]
+    ghosts = None
+    if len(parts) > 1:
+        ghosts = Ghosts(
+            kind=wall.ghosts,
+            rows=(np.arange(s.shape[1]) >= m.shape[1])[:, None],
+            wall=dd_from_ratio(*(-wall.eta).as_integer_ratio()),
+        )
+        if mirrored:
+            image, below = _joined(images)
+            side = None if below is None else below[0][:, None]
+            ghosts = replace(
+                ghosts,
+                image=image[0][:, None],
+                image_low=side if extended else None,
+                image_error=np.abs(side) * EDGE if errors and side is not None else None,
+            )
+    return Neighbourhood(
+        offset=s[:, :, None],
+        volume=volume,
+        target=target,
+        offset_low=rest if extended else None,
+        volume_low=volume_low if extended else None,
+        offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
+        volume_error=np.abs(volume_low) * EDGE if errors else None,
+        ghosts=ghosts,
+    )
+
+
+def _joined(parts: Sequence[tuple[Array, Array | None]]) -> tuple[Array, Array | None]:
+    """Positions side by side, and their rests where there are any."""
+    low = [rest for _, rest in parts if rest is not None]
+    rest = np.concatenate(low, axis=1) if low else None
+    return np.concatenate([s for s, _ in parts], axis=1), rest
 
 
 def _whole(name: str, value: object, low: int, high: int) -> None:
@@ -180,6 +305,8 @@ def _stencil(
     """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
     radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
     found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
+    if lattice.wall is not None:
+        found = found[:, found[0] >= -lattice.wall_phase]
     if not slack and not _any_inside(lattice, found, kernel):
         raise ValueError(
             f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"

@@ -23,6 +23,25 @@ EDGE = 1.0 + 1e-12  # what is looked at beyond the support: the kernel decides w
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ghosts:
+    """The rows of a neighbourhood that lie beyond a wall, and where their values are read.
+
+    kind: "mirror", "odd" or "dummy"
+    rows: (N, 1) whether it is a ghost
+    wall: s₁ of the wall, and what is to be added to it
+    image: (N, 1) s₁ of what a ghost is the image of, of a fluid particle its own; None for dummies
+    image_low, image_error: as for offsets
+    """
+
+    kind: str
+    rows: NDArray[np.bool_]
+    wall: tuple[float, float]
+    image: Array | None = None
+    image_low: Array | None = None
+    image_error: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Neighbourhood:
     """The neighbours of a block of T targets, padded to N rows; d dimensions.
 
@@ -35,6 +54,7 @@ class Neighbourhood:
     offset_low, volume_low, stretch_low: what is to be added in double-double work, else None
     offset_error, volume_error, stretch_error: bounds of the rounding errors, broadcast likewise, if
         asked for
+    ghosts: which rows lie beyond a wall, if there is one with ghosts
     """
 
     offset: Array
@@ -49,6 +69,7 @@ class Neighbourhood:
     offset_error: Array | None = None
     volume_error: Array | None = None
     stretch_error: Array | None = None
+    ghosts: Ghosts | None = None
 
     def offsets(self, number: Any) -> list[Any]:
         """Along each axis, in an arithmetic."""

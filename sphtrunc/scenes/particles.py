@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 MODES = ("gather", "scatter", "mean")
+_PLAIN = 128  # 2^±128: cubes of such lengths are far from the ends of the range
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,9 @@ class Particles:
     """Particles at given positions. Made by `particles`.
 
     x: (d, n); h: (n,); values of volume (n,) in units of length^d, or None for `rule`
+    period: (d,) sides of the box, infinite along axes that are open; None where all are
+    walls: (n,) particles that are sources and no targets, boundaries of a file; None: no such
+    fields: values that came with the particles, by name, (n,) or (c, n)
     """
 
     x: Array
@@ -45,6 +50,8 @@ class Particles:
     mass: Array
     mode: str
     one_h: bool  # h_ab = h_a for every pair
+    walls: NDArray[np.bool_] | None = None
+    fields: Mapping[str, Array] = field(default_factory=dict)
     _trees: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -62,6 +69,29 @@ class Particles:
         """The number of particles."""
         return self.population
 
+    def in_plain_units(self) -> Particles:
+        """The same particles in a unit, a power of two, in which h is about 1, if h is so small or
+        so large that squares would leave the range of floats: sums in units of h are the same."""
+        exponent = int(np.frexp(float(self.h.max()))[1])
+        if abs(exponent) < _PLAIN:
+            return self
+
+        def scaled(values: Array | None, power: int = 1) -> Array | None:
+            if values is None:
+                return None
+            for _ in range(power):
+                values = np.ldexp(values, -exponent)
+            return values
+
+        return replace(
+            self,
+            x=np.ldexp(self.x, -exponent),
+            h=np.ldexp(self.h, -exponent),
+            given=scaled(self.given, self.dim),
+            period=scaled(self.period),
+            _trees={},
+        )
+
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours of a typical target, from a small sample."""
         some = np.linspace(0, self.population - 1, min(64, self.population)).astype(np.int64)
@@ -71,22 +101,36 @@ class Particles:
         if "tree" not in self._trees:
             from scipy.spatial import cKDTree
 
-            box = None if self.period is None else self.period * self._unit
+            box = None  # a side of 0 is an open one
+            if self.period is not None:
+                box = np.where(np.isfinite(self.period), self.period, 0.0) * self._unit
             self._trees["tree"] = cKDTree(self._wrapped(self.x), boxsize=box)
         return self._trees["tree"]
 
     @property
     def _unit(self) -> float:
         """A power of two that brings all coordinates to about 1, whose squares the search takes."""
-        size = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
-        return float(2.0 ** -np.clip(np.frexp(max(size, float(self.h.max())))[1], -1000, 1000))
+        size = max(self._spread, float(self.h.max()))
+        return float(2.0 ** -np.clip(np.frexp(size)[1], -1000, 1000))
+
+    @property
+    def _spread(self) -> float:
+        """The largest coordinate that the search meets."""
+        if self.period is None:
+            return float(np.abs(self.x).max())
+        closed = np.isfinite(self.period)
+        open_axes = np.abs(self.x[~closed]).max(initial=0.0)
+        return float(max(open_axes, self.period[closed].max(initial=0.0)))
 
     def _wrapped(self, x: Array) -> Array:
         """Positions (n, d) inside the box, in the unit of the search."""
         if self.period is None:
             return np.ascontiguousarray(x.T) * self._unit
-        inside = np.mod(x.T, self.period)
-        return np.where(inside < self.period, inside, 0.0) * self._unit
+        closed = np.isfinite(self.period)
+        sides = np.where(closed, self.period, 1.0)
+        inside = np.mod(x.T, sides)
+        inside = np.where(inside < sides, inside, 0.0)
+        return np.where(closed, inside, x.T) * self._unit
 
     def _neighbours(self, target: Indices, kernel: Kernel, times: int = 1) -> list[list[int]]:
         support = float(kernel.support)
@@ -103,8 +147,7 @@ class Particles:
         elif self.mode == "mean":
             h = 0.5 * (h + self.h.max())
         # the search squares: what is left out by its rounding has to be added
-        spread = float(np.abs(self.x).max()) if self.period is None else float(self.period.max())
-        radius = times * support * h * EDGE + 4.0 * UNIT * spread
+        radius = times * support * h * EDGE + 4.0 * UNIT * self._spread
         found: list[list[int]] = list(
             self._tree().query_ball_point(
                 self._wrapped(self.x[:, target]), radius * self._unit, return_sorted=True
@@ -116,7 +159,7 @@ class Particles:
         """x_b − x_a and what rounding took off it; to the nearest image in a periodic box."""
         x = self.x[axis]
         hi, lo = two_sum(x[particle], np.broadcast_to(-x[target], particle.shape))
-        if self.period is not None:
+        if self.period is not None and np.isfinite(self.period[axis]):
             box = self.period[axis]
             turns = np.rint(hi / box)
             hi, lo = dd_add((hi, lo), two_product(-turns, np.full_like(hi, box)))
@@ -126,7 +169,7 @@ class Particles:
         self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), in the order of the particles."""
-        block = self._around(target, kernel, extended, errors)
+        block = self.around(target, kernel, extended, errors)
         particle, h = block.particle, self.h[target]
         assert particle is not None
         v_low = np.zeros(particle.shape)
@@ -156,10 +199,11 @@ class Particles:
             volume_error=(v_error + (self.dim + 3) * UNIT * v) * EDGE if errors else None,
         )
 
-    def _around(
-        self, target: Indices, kernel: Kernel, extended: bool, errors: bool
+    def around(
+        self, target: Indices, kernel: Kernel, extended: bool = False, errors: bool = False
     ) -> Neighbourhood:
-        """The neighbours without their volumes."""
+        """The neighbours of the targets without their volumes, whatever the kernel but its support:
+        (d, N, T) as `neighbourhood`."""
         lists = self._neighbours(target, kernel)
         counts = np.array([len(one) for one in lists], dtype=np.int64)
         flat = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(counts.sum()))
@@ -208,12 +252,13 @@ class Particles:
         are as wide as the half that there is, twice."""
         if "cells" not in self._trees:
             x = self.x[0]
-            if self.period is not None:
-                x = np.mod(x, self.period[0])
+            period = None if self.period is None or np.isinf(self.period[0]) else self.period[0]
+            if period is not None:
+                x = np.mod(x, period)
             order = np.argsort(x, kind="stable")
             s = x[order]
-            if self.period is not None:
-                gaps = np.diff(np.concatenate([s[-1:] - self.period[0], s, s[:1] + self.period[0]]))
+            if period is not None:
+                gaps = np.diff(np.concatenate([s[-1:] - period, s, s[:1] + period]))
             else:
                 inner = np.diff(s)
                 gaps = np.concatenate([inner[:1], inner, inner[-1:]])
@@ -233,7 +278,7 @@ class Particles:
             volume, rest = np.empty((2, self.population))
             for first in range(0, self.population, 256):
                 target = np.arange(first, min(first + 256, self.population), dtype=np.int64)
-                block = self._around(target, kernel, extended, errors)
+                block = self.around(target, kernel, extended, errors)
                 assert block.particle is not None
                 mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
                 q, stretch = number.length(block.offsets(number)), block.stretches(number)
@@ -276,7 +321,8 @@ class Particles:
         h, h_b = fractions(self.h[target][None])[0], fractions(self.h[near])
         offset = x - own[:, None]
         if self.period is not None:
-            for axis, box in enumerate(fractions(self.period)):
+            for axis in np.flatnonzero(np.isfinite(self.period)):
+                box = fractions(self.period[axis][None])[0]
                 offset[axis] = np.array([d - box * round(d / box) for d in offset[axis]])
         offset = offset / h
         v = self.given if self.given is not None else self._cells()
@@ -304,7 +350,8 @@ def particles(
     h: smoothing length, one number or (n,).
     volume: (n,) or one number; or "cell" (1D, midpoints); or "summation", m/ρ with ρ_a = Σ_b m W.
         With mass and density instead, m/ρ; with mass alone, "summation".
-    period: lengths of a periodic box, one number or d of them; None for free particles.
+    period: lengths of a periodic box, one number or d of them, inf along axes that are open; None
+        for free particles.
     mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2.
 
     Integers and single precision are taken as the numbers that they are. Raises ValueError for
@@ -345,12 +392,16 @@ def particles(
         rule = "summation"
     box = None
     if period is not None:
-        lengths_of_box = _numbers("period", period)
+        lengths_of_box = _numbers("period", period, infinite=True)
         if lengths_of_box.ndim > 1 or lengths_of_box.size not in (1, dim):
             raise ValueError(f"period: expected one length or {dim} of them")
         box = np.broadcast_to(lengths_of_box, (dim,)).copy()
         if not np.all(box > 0):
-            raise ValueError(f"period: got {box.tolist()}, expected positive lengths")
+            raise ValueError(
+                f"period: got {box.tolist()}, expected positive lengths, inf along open axes"
+            )
+        if np.all(np.isinf(box)):
+            box = None
     return Particles(
         x=np.ascontiguousarray(positions.T),
         h=lengths,
@@ -363,7 +414,7 @@ def particles(
     )
 
 
-def _numbers(name: str, value: object) -> Array:
+def _numbers(name: str, value: object, infinite: bool = False) -> Array:
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "iuf":
@@ -371,7 +422,8 @@ def _numbers(name: str, value: object) -> Array:
         numbers = array.astype(np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected an array of real numbers") from None
-    bad = np.flatnonzero(~np.isfinite(numbers.reshape(-1)))
+    allowed = np.isfinite(numbers) | (numbers == np.inf) if infinite else np.isfinite(numbers)
+    bad = np.flatnonzero(~allowed.reshape(-1))
     if bad.size:
         raise ValueError(
             f"{name}: got {numbers.reshape(-1)[bad[0]]} at position {bad[0]}, expected finite"

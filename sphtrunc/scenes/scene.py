@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphtrunc.scenes import random_numbers as jitter
 from sphtrunc.scenes.graded import Graded
@@ -15,17 +16,44 @@ from sphtrunc.scenes.sites import in_pairs
 
 if TYPE_CHECKING:
     from sphtrunc.scenes.particles import Particles
+    from sphtrunc.scenes.probes import Probes
+    from sphtrunc.scenes.smoothing_lengths import Sloped
 
-Scene: TypeAlias = "Lattice | Jittered | Graded | Particles"
+Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped | Probes"
 
 
 def paired(scene: Scene) -> bool:
     """The neighbours of every target lie at ±s."""
-    home = getattr(scene, "lattice", scene)
+    home: Any = getattr(scene, "lattice", scene)
     still = not getattr(scene, "sigma", 0.0)
-    return isinstance(home, Lattice) and still and in_pairs(home.kind, home.offset)
+    return (
+        isinstance(home, Lattice)
+        and home.wall is None
+        and still
+        and in_pairs(home.kind, home.offset)
+    )
 
 
 def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:
     """Targets `first` … `last` − 1 of a random order of all targets of the scene."""
-    return jitter.permuted(np.arange(first, last, dtype=np.int64), scene.population, seed)
+    drawn = jitter.permuted(np.arange(first, last, dtype=np.int64), target_count(scene), seed)
+    walls = _walls(scene)
+    return drawn if walls is None else np.flatnonzero(~walls)[drawn]
+
+
+def target_count(scene: Scene) -> int:
+    """How many targets the scene has: all its particles, but for the walls of a file."""
+    walls = _walls(scene)
+    return scene.population if walls is None else int(np.count_nonzero(~walls))
+
+
+def every_target(scene: Scene) -> Indices:
+    """All targets of the scene."""
+    walls = _walls(scene)
+    if walls is None:
+        return np.arange(scene.population, dtype=np.int64)
+    return np.flatnonzero(~walls)
+
+
+def _walls(scene: Scene) -> NDArray[np.bool_] | None:
+    return getattr(scene, "walls", None)

@@ -1,26 +1,187 @@
-"""Smoothing lengths that are linear in the position, and the neighbours of a target with them."""
+"""Smoothing lengths that vary with the position: every particle of a scene has an h of its own.
+
+Seen from a target of smoothing length 1, h(x) = 1 + g·(x − x_a) at the places where the particles
+are, wherever they were displaced to. The scene itself stays what it is: a lattice, displaced or
+not, or graded spacing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from math import ceil
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.arithmetic.rational import fraction
-from sphtrunc.arithmetic.summation import Array
-from sphtrunc.operators.h_rules import require_support
+from sphtrunc.arithmetic.rational import exact, fraction, fractions
+from sphtrunc.arithmetic.summation import (
+    UNIT,
+    Array,
+    DoubleDouble,
+    dd,
+    dd_add,
+    dd_div,
+    dd_from_ratio,
+    dd_mul,
+)
+from sphtrunc.operators.h_rules import require_support, slope_share
+from sphtrunc.scenes.graded import Graded
+from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
-from sphtrunc.scenes.particles import MODES, Particles, particles
-from sphtrunc.scenes.sites import sites, units
+from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
+from sphtrunc.scenes.particles import MODES
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 
+@dataclass(frozen=True)
+class Sloped:
+    """A scene whose smoothing length is h = h_a (1 + g·s). Made by `sloped`.
+
+    gradient: g along each axis; rule: whose h a pair takes, "gather", "scatter" or "mean"
+    """
+
+    base: Lattice | Jittered | Graded
+    gradient: tuple[Fraction, ...]
+    rule: str
+
+    @property
+    def dim(self) -> int:
+        """d."""
+        return self.base.dim
+
+    @property
+    def volume(self) -> str:
+        """The rule for the volumes."""
+        return self.base.volume
+
+    @property
+    def population(self) -> int:
+        """The number of different targets."""
+        return self.base.population
+
+    @property
+    def particles(self) -> int:
+        """The number of particles."""
+        return self.base.particles
+
+    @property
+    def slope(self) -> tuple[Fraction, ...]:
+        """The gradient of h_ab."""
+        return tuple(slope_share(self.rule) * g for g in self.gradient)
+
+    def reach(self, kernel: Kernel) -> int:
+        """How many supports of the target hold every particle whose own support holds it.
+
+        Raises ValueError where there is no end to it: |g|κ >= 1.
+        """
+        require_support(fraction(kernel.support), self.gradient, self.rule)
+        steep = sum(float(g) ** 2 for g in self.slope) ** 0.5 * float(kernel.support)
+        return int(max(1, ceil(EDGE / (1.0 - steep))))
+
+    def rows(self, kernel: Kernel) -> int:
+        """An estimate of the number of candidates."""
+        return int(self.base.rows(kernel) * self.reach(kernel) ** self.dim)
+
+    def neighbourhood(
+        self,
+        target: Indices,
+        kernel: Kernel,
+        *,
+        extended: bool = False,
+        errors: bool = False,
+        reach: int = 1,
+    ) -> Neighbourhood:
+        """The neighbours of the scene, with h_a/h_ab beside each."""
+        block = self.base.neighbourhood(
+            target, kernel, extended=extended, errors=errors, reach=reach * self.reach(kernel)
+        )
+        length = np.ones(block.offset.shape[1:])
+        wide: DoubleDouble = dd(length)
+        error = np.zeros_like(length)
+        for axis, g in enumerate(self.slope):
+            if not g:
+                continue
+            high, low = dd_from_ratio(*g.as_integer_ratio())
+            s = block.offset[axis]
+            length = length + high * s
+            error += abs(high) * (4.0 * UNIT * np.abs(s))
+            if block.offset_error is not None:
+                error += abs(high) * block.offset_error[axis]
+            if extended:
+                rest = np.zeros_like(s) if block.offset_low is None else block.offset_low[axis]
+                steep = (np.full_like(s, high), np.full_like(s, low))
+                wide = dd_add(wide, dd_mul(steep, (s, rest)))
+        # where h falls to 0 is beyond any support: the offset itself says so
+        inside = length > 0.5 * UNIT
+        length = np.where(inside, length, 1.0)
+        stretch, stretch_low = 1.0 / length, None
+        if extended:
+            high_part, low_part = (
+                np.where(inside, part, value) for part, value in zip(wide, (1.0, 0.0), strict=True)
+            )
+            stretch, stretch_low = dd_div(dd(np.ones_like(length)), (high_part, low_part))
+        bound = None
+        if errors:
+            off = error + (self.dim + 1.0) * UNIT * np.abs(length)
+            room = np.maximum(length - off, UNIT * length)
+            bound = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
+        return replace(block, stretch=stretch, stretch_low=stretch_low, stretch_error=bound)
+
+    def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
+        """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
+        offset, volume, _ = self._exactly(target, kernel, reach)
+        return offset, volume
+
+    def exact_stretch(self, target: int, kernel: Kernel) -> Any:
+        """h_a/h_ab of the same particles, (N,) Fractions."""
+        return self._exactly(target, kernel, 1)[2]
+
+    def _exactly(self, target: int, kernel: Kernel, reach: int) -> tuple[Any, Any, Any]:
+        around = reach * self.reach(kernel)
+        offset, volume = self.base.exact_neighbourhood(target, kernel, reach=around)
+        length = sum((g * s for g, s in zip(self.slope, offset, strict=True)), Fraction(1))
+        length = length + fractions(np.zeros(offset.shape[1]))
+        square = (offset * offset).sum(axis=0)
+        most = (reach * fraction(kernel.support)) ** 2
+        near = np.array([h > 0 and q <= most * h * h for h, q in zip(length, square, strict=True)])
+        return offset[:, near], volume[near], 1 / length[near]
+
+
+def sloped(scene: Lattice | Jittered | Graded, gradient: object, rule: str = "scatter") -> Sloped:
+    """The scene with a smoothing length that grows linearly, h = h_a (1 + g·s).
+
+    gradient: g = dh/dx, one number (along the first axis) or d of them, taken exactly: write
+        Fractions or "1/5"
+    rule: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2
+
+    Raises ValueError for a rule that is unknown, and volumes by summation, whose h would vary too.
+    """
+    if rule not in MODES:
+        raise ValueError(
+            f"h-rule: got {rule!r}, expected one of {', '.join(MODES)}; what the mean of two"
+            " kernels gives is the mean of gather and scatter"
+        )
+    if not isinstance(scene, (Lattice, Jittered, Graded)):
+        raise ValueError("h-gradient: particles have an h each; expected a lattice or graded scene")
+    if scene.volume == "summation":
+        raise ValueError("volume: got summation with a gradient of h, expected constant or cell")
+    given: Sequence[object] = (
+        list(gradient) if isinstance(gradient, (tuple, list, np.ndarray)) else [gradient]
+    )
+    slopes = [exact(g, "h-gradient") for g in given]
+    if len(slopes) == 1:
+        slopes += [Fraction(0)] * (scene.dim - 1)
+    if len(slopes) != scene.dim:
+        raise ValueError(f"h-gradient: got {len(slopes)} numbers, expected 1 or {scene.dim}")
+    return Sloped(scene, tuple(slopes), rule)
+
+
 def linear(x: Array, h: float, gradient: Sequence[float], origin: Sequence[float]) -> Array:
-    """h(x) = h (1 + g·(x − x₀)/h), (n,), at positions (n, d) or (n,).
+    """h(x) = h + g·(x − x₀), (n,), at positions (n, d) or (n,), for `particles`.
 
     Raises ValueError where that is not positive.
     """
@@ -34,44 +195,3 @@ def linear(x: Array, h: float, gradient: Sequence[float], origin: Sequence[float
             " smaller gradient, or fewer particles"
         )
     return np.asarray(lengths)
-
-
-def around(
-    lattice: Lattice,
-    kernel: Kernel,
-    gradient: Sequence[Fraction],
-    mode: str = "scatter",
-    displacement: Array | None = None,
-) -> tuple[Particles, int]:
-    """The neighbours of a target on a lattice, with h_b = h_a (1 + g·(x_b − x_a)/h_a), h_a = 1, as
-    explicit particles, and the index of the target.
-
-    displacement: (n, d) added to the positions, in Δx, h following; (d, …) rows as many as there
-        are particles, see the first call; None for the lattice itself
-    The target is a particle of its own, of vanishing weight, where the lattice has an offset.
-
-    Raises ValueError for a mode that is unknown, and |g|κ >= 1.
-    """
-    if mode not in MODES:
-        raise ValueError(f"h-rule: got {mode!r}, expected one of {', '.join(MODES)}")
-    require_support(fraction(kernel.support), list(gradient), mode)
-    dim = lattice.dim
-    if any(lattice.offset):
-        raise ValueError("offset: a target with an h of its own is a particle; expected offset 0")
-    share = {"gather": 0.0, "mean": 0.5, "scatter": 1.0}[mode]
-    steep = share * float(sum(g * g for g in gradient)) ** 0.5
-    support = float(kernel.support)
-    radius = support / (1.0 - steep * support) / float(lattice.dx_over_h)
-    extra = 0.0 if displacement is None else 2.0 * float(np.abs(displacement).max())
-    points = sites(lattice.kind, radius * (1.0 + 1e-9) + extra, lattice.offset, 0.0)
-    scale = [float(u) for u in units(lattice.kind)]
-    x = np.stack([m * u for m, u in zip(points, scale, strict=True)], axis=1)
-    at = int(np.flatnonzero(~np.any(points, axis=0))[0])
-    if displacement is not None:
-        x = x + displacement
-    x = (x - x[at]) * float(lattice.dx_over_h)
-    h = 1.0 + x @ np.array([float(g) for g in gradient])
-    keep = h > 0.0
-    at -= int(np.count_nonzero(~keep[:at]))
-    volume = float(lattice.dx_over_h**dim)
-    return particles(x[keep], h=h[keep], volume=volume, mode=mode), at

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import factorial, prod, sqrt
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.experiment.fields import Polynomial, Sinusoid, polynomial
 from sphtrunc.experiment.measurement import Measurement
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
@@ -21,24 +23,43 @@ from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
+from sphtrunc.scenes.smoothing_lengths import Sloped
+from sphtrunc.study.structure import (
+    by_structure,
+    errors_by_structure,
+    predict_by_structure,
+    require_theory,
+)
+from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
+from sphtrunc.theory.limit import continuous_sum
+from sphtrunc.theory.variable_h.graded_spacing import graded_moments
+from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
     """(lattice, σ/Δx, distribution) of a scene that the theory covers.
 
-    Raises ValueError, saying so, for graded spacing and explicit particles: there is no theory.
+    Raises ValueError, saying so, for graded spacing: there is no theory.
     """
+    if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
+        raise ValueError(
+            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
+        )
     if isinstance(scene, Jittered):
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
         return scene, 0.0, "gaussian"
-    sort = "graded" if isinstance(scene, Graded) else "explicit"
+    if isinstance(scene, Sloped):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for moments, not for fields; expected"
+            " moments alone"
+        )
     raise ValueError(
-        f"scene: there is no theory for {sort} particles; expected a"
-        " lattice, with or without jitter"
+        "scene: there is no such theory for graded particles; expected a lattice, with or without"
+        " jitter, or explicit particles in a periodic box"
     )
 
 
@@ -47,8 +68,33 @@ def predict_moments(
 ) -> Prediction:
     """Predicted mean and standard deviation of the moments of the first component.
 
-    Raises ValueError where there is no theory: see `rule`.
+    From the structure factor for explicit particles, and for targets that are not particles.
+
+    Raises ValueError where there is no theory: see `rule` and `structure`.
     """
+    home = getattr(scene, "lattice", scene)
+    if isinstance(home, Lattice) and home.wall is not None:
+        return predict_beside_wall(
+            parse_kernel(kernel),
+            operator,
+            home.kind,
+            home.dx_over_h,
+            home.offset,
+            home.wall,
+            sigma=getattr(scene, "sigma", 0.0),
+            distribution=getattr(scene, "distribution", "gaussian"),
+            degree=degree,
+        )
+    if by_structure(scene):
+        return predict_by_structure(scene, kernel, operator, degree)
+    if isinstance(scene, Sloped):
+        return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
+    if isinstance(scene, Graded):
+        rows = _graded(scene, parse_kernel(kernel), operator, degree)
+        mean = {a: float(np.mean([row[a] for row in rows])) for a in rows[0]}
+        exact = operator.consistency  # up to this degree every row is the same but for rounding
+        std = {a: float(np.std([row[a] for row in rows])) * (a[0] > exact) for a in rows[0]}
+        return Prediction(0.0, "gaussian", mean, std, "local spacing, to first order in its slope")
     lattice, sigma, distribution = rule(scene)
     return predict(
         parse_kernel(kernel),
@@ -59,6 +105,80 @@ def predict_moments(
         sigma=sigma,
         distribution=distribution,
         volume=lattice.volume,
+        degree=degree,
+    )
+
+
+def _graded(
+    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> list[dict[MultiIndex, float]]:
+    """The predicted moments at every target of a graded scene."""
+    if not isinstance(kernel, Kernel):
+        raise ValueError(
+            f"scene: for graded particles there is theory for polynomials, {kernel.name} is none"
+        )
+    return [
+        graded_moments(kernel, operator, scene.spacing, at, scene.offset, degree)
+        for at in scene.positions
+    ]
+
+
+_WAVE = 12  # moments that a wave is expanded in
+
+
+def _graded_error(
+    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
+) -> Split:
+    """The rms error over targets, and over the phase of a sinusoid, from the moments."""
+    wave = isinstance(field, Sinusoid)
+    k = operator.derivatives
+    if isinstance(field, Sinusoid):
+        kappa = complex(0.0, float(field.wave()[0]))
+        taylor: dict[MultiIndex, complex] = {
+            (n,): kappa**n / factorial(n) for n in range(_WAVE + 1)
+        }
+        largest = abs(kappa) ** k
+    else:
+        taylor = {alpha: complex(c) for alpha, c in field.coefficients.items()}
+        largest = field.amplitude(k)
+    degree = max(max(alpha) for alpha in taylor)
+    rows = _graded(scene, kernel, operator, degree)
+    target = operator.target(1)
+    sums = {key: continuous_sum(parse_kernel(kernel), key) for key in operator.needed(1, degree)}
+    limit = operator.correct(sums, 1, degree)
+
+    def error(moments: Mapping[MultiIndex, Any]) -> complex:
+        terms = (c * (float(moments[a]) - target.get(a, 0)) for a, c in taylor.items())
+        return sum(terms, 0j) / (largest or 1.0)
+
+    smooth = error(limit)
+    found = np.array([error(row) for row in rows])
+    share = sqrt(0.5) if wave else 1.0
+
+    def rms(values: Any) -> float:
+        return share * float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+    return Split(rms(found), rms(smooth), rms(found - smooth), 0.0, 0.0)
+
+
+def _predict_sloped(
+    scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> Prediction:
+    lattice, sigma, distribution = rule(scene.base)
+    if not isinstance(kernel, Kernel) or lattice.volume != "constant" or any(lattice.offset):
+        raise ValueError(
+            "scene: with a gradient of h there is theory for constant volumes, targets that are"
+            " particles, and kernels that are polynomials"
+        )
+    return predict_varying(
+        kernel,
+        operator,
+        lattice.kind,
+        lattice.dx_over_h,
+        scene.gradient,
+        scene.rule,
+        sigma=sigma,
+        distribution=distribution,
         degree=degree,
     )
 
@@ -107,7 +227,7 @@ def compare(
     if isinstance(operator, str):
         operator = Operator(operator, form, correction)
     predicted = predict_moments(scene, kernel, operator, degree)
-    still = isinstance(scene, Lattice)
+    still = isinstance(getattr(scene, "base", scene), Lattice)
     measured = measure(
         scene, kernel, operator, moments=degree, targets=targets, seed=seed, bound=still
     )
@@ -145,7 +265,7 @@ def predict_error(
     Raises ValueError where there is no theory for the scene, and for fields of another kind.
     """
     kernel = parse_kernel(kernel)
-    lattice, sigma, distribution = rule(scene)
+    require_theory(scene)
     signals: Signals
     if isinstance(field, Sinusoid):
         wave = field.wave()
@@ -154,7 +274,7 @@ def predict_error(
     else:
         if isinstance(field, Mapping):
             field = polynomial(
-                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, lattice.dim
+                {a: v / prod(factorial(n) for n in a) for a, v in field.items()}, scene.dim
             )
         if not isinstance(field, Polynomial) or not field.coefficients:
             raise ValueError(
@@ -162,6 +282,11 @@ def predict_error(
                 " polynomial or a mapping from multi-indices to derivatives"
             )
         signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
+    if isinstance(scene, Graded):
+        return _graded_error(scene, kernel, operator, field)
+    if by_structure(scene):
+        return errors_by_structure(scene, kernel, operator, signals, precision)[0]
+    lattice, sigma, distribution = rule(scene)
     return predict_fields(
         kernel,
         operator,
@@ -181,6 +306,7 @@ def beside(
 ) -> dict[str, Any]:
     """The prediction of every figure of a measurement, and their ratios, ready for JSON.
 
+    "by": "structure factor" or "lattice", whichever it rests on;
     "moments": label -> mean, std and std_ratio (measured over predicted; None without a spread),
     and uncertainty, what the std is good to, where displacements were sampled; "error": the parts
     of the rms error, what it is good to, and its ratio, for a sinusoid or a polynomial; "how";
@@ -189,9 +315,10 @@ def beside(
     try:
         degree = max((sum(a) for a in measured.moments.values), default=0)
         result: dict[str, Any] = {}
+        source = "structure factor" if by_structure(scene) else "lattice"
         if measured.moments.values:
             found = predict_moments(scene, kernel, operator, degree)
-            result = {"how": found.how, "moments": {}}
+            result = {"how": found.how, "moments": {}, "by": source}
             for alpha, values in measured.moments.values.items():
                 std = found.std[alpha]
                 ratio = float(values.std()) / std if std and values.size > 1 else None
@@ -224,7 +351,7 @@ def beside_text(prediction: Mapping[str, Any]) -> str:
         lines.append("  " + "   ".join(f"{name} {error[name]:.3e}" for name in parts))
     rows = prediction.get("moments")
     if rows:
-        lines.append(f"Predicted moments ({prediction['how']})")
+        lines += wrap(f"Predicted moments ({prediction['how']})", 100, subsequent_indent="  ")
         lines.append("                        mean               std    measured/predicted std")
         for name, row in rows.items():
             ratio = "" if row["std_ratio"] is None else f"{row['std_ratio']:>22.4f}"

@@ -18,7 +18,7 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.forces import FORCES
 from sphtrunc.study.stability import COARSE, pairing
-from sphtrunc.theory.modes import Rest
+from sphtrunc.theory.dispersion.modes import Rest
 
 DENSEST = {1: "uniform", 2: "hexagonal", 3: "fcc"}
 GAS = Fraction(3, 5)  # P₀/(ρc²) of a monatomic gas

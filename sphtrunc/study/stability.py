@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from math import inf, pi, sqrt
 from typing import TYPE_CHECKING, Any
@@ -20,9 +20,10 @@ import numpy as np
 
 from sphtrunc.kernels.conventions import BALL
 from sphtrunc.operators.forces import GRAD_H, PLAIN
-from sphtrunc.theory.brillouin import POINTS, directions, grid, scale, shortest
-from sphtrunc.theory.lattice_waves import Scan
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
+from sphtrunc.theory.dispersion.brillouin import POINTS, directions, grid, scale, shortest
+from sphtrunc.theory.dispersion.lattice_waves import Scan
+from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
+from sphtrunc.theory.dispersion.relation import damping
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +39,7 @@ LONG = 1e-3
 NEIGHBOURS = {1: (2.2, 16.0), 2: (8.0, 150.0), 3: (20.0, 400.0)}
 #: divisions of the zone where many settings are looked at
 COARSE = {1: 120, 2: 24, 3: 12}
-SETTINGS = 120
+SETTINGS = 80
 #: of the largest number of neighbours that `pairing` looks at
 MOST_NEIGHBOURS = 1000.0
 _REFINED = 1e-8  # of κ
@@ -110,14 +111,43 @@ def courant(highest: float) -> dict[str, float]:
     return {"leapfrog": 2 / omega, "rk2": 0.0, "rk4": 2 * sqrt(2) / omega}
 
 
+def viscous_step(rest: Rest, alpha: float) -> float:
+    """The largest stable cΔt/h of kick and drift with artificial viscosity α taken explicitly: the
+    first C at which a wave flips its sign without shrinking, C²D + 2αC Γ = 4.
+
+    Raises ValueError for α < 0 and where no wave oscillates.
+    """
+    if not 0 <= alpha < inf:
+        raise ValueError(f"viscosity: got α = {alpha}, expected α >= 0")
+    scan = rest.scan(waves(rest.kind))
+
+    def most(step: float) -> float:
+        """4 minus the largest eigenvalue over the zone."""
+
+        def flipped(kappa: Any) -> Array:
+            lattice = scan.of(kappa).at(rest.kernel, float(rest.ratio), rest.volume)
+            matrix = rest.matrix(lattice, float(rest.pressure))
+            matrix = step * step * matrix + 2 * alpha * step * damping(lattice)
+            return np.asarray(-eigenvalues(matrix).real.max(axis=-1))
+
+        start = scan.kappa[int(flipped(scan.kappa).argmin())]
+        return 4 + _refine(start, flipped, rest.kind)[0]
+
+    highest = float(rest.frequencies(scan).omega2.max())
+    end = 1.001 * courant(highest)["leapfrog"]
+    if end == inf:
+        raise ValueError("viscosity: no wave oscillates, so that none limits the time step")
+    return _root(most, 1e-3 * end, end)
+
+
 def neighbours(kernel: Kernel | Gaussian, dim: int, ratio: float) -> float:
     """V_d (κh/Δx)^d, the target counted."""
-    return float(BALL[dim]) * (float(kernel.support) / ratio) ** dim
+    return float(float(BALL[dim]) * (float(kernel.support) / ratio) ** dim)
 
 
 def ratio_of(kernel: Kernel | Gaussian, dim: int, count: float) -> float:
     """Δx/h with so many neighbours."""
-    return float(kernel.support) * (float(BALL[dim]) / count) ** (1 / dim)
+    return float(kernel.support) * float((float(BALL[dim]) / count) ** (1 / dim))
 
 
 # --------------------------------------------------------------------------------- one setting
@@ -198,7 +228,7 @@ def _worst(rest: Rest, scan: Scan, seen: Spectrum, branch: str) -> Found:
 
 def _fastest(rest: Rest, scan: Scan, seen: Spectrum) -> Found:
     def slowed(kappa: Any) -> Array:
-        return -rest.frequencies(scan.of(kappa)).growth.max(axis=1)
+        return np.asarray(-rest.frequencies(scan.of(kappa)).growth.max(axis=1))
 
     _, at = _refine(scan.kappa[int(seen.growth.max(axis=1).argmax())], slowed, rest.kind)
     found = rest.frequencies(scan.of(at[None]))
@@ -275,20 +305,23 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     rows = [margins(r) for r in grid_]
     found: dict[str, list[Range]] = {}
     for branch in branches_of(rest.dim):
-        ranges = []
-        start = grid_[0] if rows[0][branch] >= 0 else None
-        for i in range(1, len(grid_)):
-            before, now = rows[i - 1][branch] >= 0, rows[i][branch] >= 0
-            if before != now:
-                edge = _bisect(lambda r, b=branch: margins(r)[b] >= 0, grid_[i - 1], grid_[i])
-                if now:
-                    start = edge
-                else:
-                    ranges.append((start, edge))
-        if rows[-1][branch] >= 0:
-            ranges.append((start, grid_[-1]))
-        found[branch] = [_range(rest, a, b) for a, b in ranges if a is not None]
+        stable = [row[branch] >= 0 for row in rows]
+        holds = partial(_holds, margins, branch)
+        edges = [
+            _bisect(holds, grid_[i], grid_[i + 1])
+            for i, (before, now) in enumerate(pairwise(stable))
+            if before != now
+        ]
+        if stable[0]:
+            edges = [grid_[0], *edges]
+        if stable[-1]:
+            edges = [*edges, grid_[-1]]
+        found[branch] = [_range(rest, a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return found
+
+
+def _holds(margins: Callable[[float], dict[str, float]], branch: str, ratio: float) -> bool:
+    return margins(ratio)[branch] >= 0
 
 
 def _range(rest: Rest, low: float, high: float) -> Range:
@@ -340,7 +373,8 @@ def curve(rest: Rest, counts: Sequence[float]) -> Curve:
 @dataclass(frozen=True)
 class Pairing:
     """The first number of neighbours at which the longitudinal branch fails under pressure, and
-    where in the zone; neighbours None where it does not up to `most`."""
+    where in the zone; neighbours None where it does not up to `most`, the least that was looked at
+    where it always does."""
 
     neighbours: float | None
     dx_over_h: float | None
@@ -373,31 +407,29 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
     reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
     scan = rest.scan(grid(rest.kind, divisions), reach)
 
-    def margin(count: float, some: Scan) -> tuple[float, int, float]:
+    def margin(count: float) -> tuple[float, int, float]:
         r = ratio_of(rest.kernel, rest.dim, count)
-        seen = replace(rest, ratio=Fraction(r)).frequencies(some)
+        seen = replace(rest, ratio=Fraction(r)).frequencies(scan)
         values = lowest(seen, LONGITUDINAL)
         worst = int(values.argmin())
         return float(values[worst]), worst, seen.rounding
 
-    steps = np.geomspace(least, most, int(60 * np.log(most / least)) + 2)
-    stable = False
+    def found(count: float, worst: int) -> Pairing:
+        kappa = scan.kappa[worst]
+        ratio = ratio_of(rest.kernel, rest.dim, count)
+        k = in_spacings(rest.kind, kappa)
+        return Pairing(count, ratio, k, named(rest.kind, kappa), most)
+
+    steps = [float(n) for n in np.geomspace(least, most, int(60 * np.log(most / least)) + 2)]
+    value, first, rounding = margin(steps[0])
+    never, stable = value < -rounding, value > rounding
     for before, count in pairwise(steps):
-        value, worst, rounding = margin(float(count), scan)
+        value, _, rounding = margin(count)
         if stable and value < -rounding:
-            edge = _root(lambda n: margin(n, scan)[0], float(before), float(count))
-            # at the grid point that fails first, to the last digit
-            _, worst, _ = margin(edge, scan)
-            kappa = scan.kappa[worst]
-            return Pairing(
-                edge,
-                ratio_of(rest.kernel, rest.dim, edge),
-                in_spacings(rest.kind, kappa),
-                named(rest.kind, kappa),
-                most,
-            )
+            edge = _root(lambda n: margin(n)[0], before, count)
+            return found(edge, margin(edge)[1])
         stable = stable or value > rounding
-    return Pairing(None, None, None, None, most)
+    return found(steps[0], first) if never and not stable else Pairing(None, None, None, None, most)
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:

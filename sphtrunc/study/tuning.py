@@ -20,7 +20,10 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.sites import DEFAULT
+from sphtrunc.theory.disorder.spectral_law import predict_errors_from
+from sphtrunc.theory.disorder.structure_factor import StructureFactor
 from sphtrunc.theory.field_error import Split, predict_waves
+from sphtrunc.theory.fields import Waves
 
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 MOST_NEIGHBOURS = {1: 200, 2: 1000, 3: 4000}
@@ -36,6 +39,7 @@ class Problem:
     """What is estimated, on which particles.
 
     sigma, distribution: displacements, σ/Δx along each axis; lattice: which lattice is displaced
+    disorder: in place of these, a structure factor in closed form; targets are particles
 
     Raises ValueError for what the prediction does not cover.
     """
@@ -45,6 +49,7 @@ class Problem:
     sigma: float = 0.0
     distribution: str = "gaussian"
     lattice: str | None = None
+    disorder: StructureFactor | None = None
 
     def __post_init__(self) -> None:
         dimension(self.dim)
@@ -56,6 +61,11 @@ class Problem:
 
         Raises ValueError where there is none.
         """
+        if self.disorder is not None:
+            waves = Waves(2 * np.pi * np.asarray(lengths), np.eye(self.dim)[0])
+            return predict_errors_from(
+                kernel, self.operator, self.disorder, r, waves, at="particles"
+            )
         return predict_waves(
             kernel,
             self.operator,
@@ -256,16 +266,30 @@ class Exponents:
     neighbours: Fraction
 
 
-def exponents(operator: Operator, dim: int) -> Exponents:
+def exponents(
+    operator: Operator, dim: int, alpha: Fraction | int = 2, beta: int | None = None
+) -> Exponents:
     """The best path at fixed disorder, exactly.
 
-    Smoothing is ∝ h^s, the leading random error ∝ h^{j−m} (Δx/h)^{1+d/2}, with m the derivatives,
-    j the degree of the first polynomial that is not reproduced on disordered particles.
+    Smoothing is ∝ h^s, the leading random error ∝ h^{j−m} (Δx/h)^q, with m the derivatives, j the
+    degree of the first polynomial that is not reproduced on disordered particles. For S ∝ k^α
+
+        q = min((d + α)/2, β + 1 + (d−1)/2),   p = q/(q + s − j + m)
+
+    alpha: 2 for displaced lattices, 0 for independent particles and the plateau of a glass
+    beta: boundary smoothness of the kernel, whose lattice error is the ceiling; None: smooth enough
+
+    Raises ValueError for a negative α.
     """
     dim = dimension(dim)
+    if alpha < 0:
+        raise ValueError(f"alpha: got {alpha}, expected an exponent of S(k) from 0")
     j = operator.consistency + 1
     s = smoothing_power(operator)
-    p = Fraction(2 + dim, 2 * (s - j + operator.derivatives) + 2 + dim)
+    q = Fraction(dim + alpha) / 2
+    if beta is not None:
+        q = min(q, beta + 1 + Fraction(dim - 1, 2))
+    p = q / (q + s - j + operator.derivatives)
     return Exponents(p, s * p, 1 - p)
 
 

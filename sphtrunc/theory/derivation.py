@@ -22,7 +22,7 @@ from sphtrunc.version import __version__
 if TYPE_CHECKING:
     from sphtrunc.theory.aliasing import Aliasing
     from sphtrunc.theory.disorder.prediction import Prediction
-    from sphtrunc.theory.wall_derivation import WallView
+    from sphtrunc.theory.walls.derivation import WallView
 
 
 @dataclass(frozen=True)
@@ -219,15 +219,25 @@ class Derivation:
 
     # -- for people -------------------------------------------------------------------------------
 
+    def _found(self) -> tuple[Orders, Aliasing | None]:
+        """What is derived when it is first asked for, before it is written down."""
+        return self.orders, self.aliasing
+
     def to_text(self) -> str:
         """What a person reads first; at most 100 columns, deterministic."""
-        return typeset.text(self)
+        self._found()
+        if self.wall is None:
+            return typeset.text(self)
+        from sphtrunc.theory.walls.text import text
+
+        return text(self)
 
     def __str__(self) -> str:
         return self.to_text()
 
     def to_latex(self) -> str:
         """A fragment for a document with amsmath: the kernel, the error and the moments."""
+        self._found()
         return typeset.fragment(self)
 
     def _repr_latex_(self) -> str:

@@ -106,12 +106,12 @@ def derive(
     ratio = None if dx_over_h is None else spacing(dx_over_h)
     kind = _lattice(lattice, dim, volume, ratio)
     if wall is not None:
-        if jitter is not None or volume != "constant":
+        if jitter is not None or volume != "constant" or h_gradient is not None:
             raise ValueError(
-                "wall: displaced particles and summed volumes beside a wall are measured, not"
-                " derived; expected no jitter, and volume constant"
+                "wall: displaced particles, summed volumes and a varying h beside a wall are not"
+                " derived here; expected no jitter, no h-gradient, and volume constant"
             )
-        from sphtrunc.theory.wall_derivation import beside
+        from sphtrunc.theory.walls.derivation import beside
 
         return beside(
             derive(kernel, operator, dim=dim, degree=degree),
@@ -168,7 +168,7 @@ def derive(
     )
     if h_gradient is None:
         return result
-    from sphtrunc.theory.variable_h import varying
+    from sphtrunc.theory.variable_h.moments import varying
 
     return varying(result, h_gradient, h_rule)
 

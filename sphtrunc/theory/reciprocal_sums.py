@@ -115,7 +115,7 @@ def shells_of(
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """|G| in 1/h, Σ ĝ(G) S(G) e^{iG·θ} and the number of vectors, shell by shell, G = 0 first."""
     ratio = float(dx_over_h)
-    g, lengths, starts, weight = _reciprocal(kind, shells)
+    g, lengths, starts, weight = reciprocal_vectors(kind, shells)
     g, lengths = g / ratio, lengths / ratio
     dim = g.shape[1]
     weight = weight * np.exp(
@@ -144,13 +144,13 @@ def symbol(delta: MultiIndex, alpha: MultiIndex) -> Symbol:
         )
         left = tuple(n - t for n, t in zip(delta, tau, strict=True))
         rest = tuple(a - t for a, t in zip(alpha, tau, strict=True))
-        for (gamma, m), c in _derivatives(rest).items():
+        for (gamma, m), c in monomial_derivatives(rest).items():
             key = add(gamma, left), m
             result[key] = result.get(key, 0) + factor * falling * c
     return result
 
 
-def _derivatives(alpha: MultiIndex) -> dict[tuple[MultiIndex, int], float]:
+def monomial_derivatives(alpha: MultiIndex) -> dict[tuple[MultiIndex, int], float]:
     """∂^α f(k²), f^{(n)} = (−½)^n Φ_n: ∂_x^n f(x²) = Σ_j n!/(j!(n−2j)!) (2x)^{n−2j} f^{(n−j)}."""
     result: dict[tuple[MultiIndex, int], float] = {}
     for j in _below(tuple(n // 2 for n in alpha)):
@@ -180,7 +180,7 @@ def shortest(kind: str) -> tuple[float, int]:
     longest for the hexagonal lattice in 2D and for bcc in 3D, whose reciprocals are the densest
     packings (Petersen & Middleton 1962, doi:10.1016/S0019-9958(62)90633-2).
     """
-    g, lengths, starts, weight = _reciprocal(kind, 8)
+    g, lengths, starts, weight = reciprocal_vectors(kind, 8)
     counts = np.diff([*starts, len(g)])
     for length, start, count in zip(lengths[1:], starts[1:], counts[1:], strict=True):
         if np.any(np.abs(weight[start : start + count]) > 1e-9):
@@ -189,7 +189,7 @@ def shortest(kind: str) -> tuple[float, int]:
 
 
 @lru_cache(maxsize=32)
-def _reciprocal(
+def reciprocal_vectors(
     kind: str, shells: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The first shells (G = 0 is one more), in 1/Δx: vectors (N, d), length of every shell, where
@@ -316,7 +316,7 @@ def response(
             f"k: expected {KINDS[kind].dim} finite components, the first of them not 0"
         )
     ratio = float(dx_over_h)
-    g, _, starts, weight = _reciprocal(kind, shells)
+    g, _, starts, weight = reciprocal_vectors(kind, shells)
     g = g / ratio
     shift = np.array([float(o) for o in offset or (0,) * len(wave)])
     moved = wave - g

@@ -28,11 +28,6 @@ _PRIMES = {0: "", 1: "′", 2: "″", 3: "‴"}
 
 def text(d: Derivation) -> str:
     """What a person reads first; at most 100 columns, deterministic."""
-    if d.wall is not None:
-        from sphtrunc.theory.wall_text import wall_text
-
-        table = _table_text(d) if d.discrete is not None else ""
-        return "\n\n".join(block for block in (_kernel_text(d), wall_text(d), table) if block)
     blocks = [
         _kernel_text(d),
         _smoothness_text(d),
@@ -274,7 +269,7 @@ def _scatter_text(d: Derivation) -> str:
     scatter = d.scatter
     assert scatter is not None
     lines = [
-        f"Moments of particles displaced by σ = {scatter.jitter:g} Δx, {scatter.distribution}",
+        f"Moments of particles displaced by σ = {scatter.jitter or 0:g} Δx, {scatter.distribution}",
         *_wrapped([*scatter.how.split(" ")], "  by ", " "),
     ]
     shown = [alpha for alpha, mean in scatter.mean.items() if mean or scatter.std[alpha]]

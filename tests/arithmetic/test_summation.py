@@ -176,3 +176,23 @@ def test_double_double_constants() -> None:
     hi, lo = sm.dd_from_ratio(1, 3)
     assert hi == 1 / 3
     assert abs(pair((np.float64(hi), np.float64(lo))) - Fraction(1, 3)) <= U**2 / 3
+
+
+# ----------------------------------------------------------- bounds that cannot be made any smaller
+
+
+def test_the_unit_is_half_a_step_of_the_floats() -> None:
+    assert np.finfo(np.float64).eps == 2 * sm.UNIT
+    assert 1.0 + sm.UNIT == 1.0 < 1.0 + sm.UNIT * (1 + 2 * sm.UNIT)
+
+
+@pytest.mark.parametrize("levels", [1, 4, 10])
+def test_a_total_may_lose_all_that_its_bound_allows(levels: int) -> None:
+    """A summand of almost half a step is lost at each level of the tree: half the bound would not
+    do, nor nine tenths of it."""
+    x = np.full(2**levels, 1e-40)
+    x[0] = 1.0
+    x[[2**level for level in range(levels)]] = sm.UNIT * (1 - 2.0**-20)
+    lost = abs(Fraction(float(sm.total(x))) - exact(x))
+    bound = Fraction(float(sm.total_error(x)))
+    assert Fraction(9, 10) * bound < lost <= bound

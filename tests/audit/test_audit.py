@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import sphtrunc
-import sphtrunc.audit.faults as slips
 from sphtrunc import kernel
 from sphtrunc.audit import PUBLISHED, audit, audit_formula, audit_list, audit_table
+from sphtrunc.audit import faults as slips
 from sphtrunc.audit.recognition import conventions, profiles
 from sphtrunc.testing import assert_kernel
 
@@ -100,6 +100,9 @@ FORMULAS = [
     ("quartic-spline", "96/(1189*pi)", 2, slips.MISPRINT, "1199/1189"),
     ("cubic-spline", "0.318", 3, slips.ROUNDED, "159*pi/500"),
     ("gaussian", "1/sqrt(pi)", 2, slips.OTHER_DIMENSION, "sqrt(pi)"),
+    ("wendland-c2", "16*pi/21", 3, slips.RECIPROCAL, "256*pi**2/441"),
+    ("cubic-spline", "7*pi/10", 2, slips.RECIPROCAL, "49*pi**2/100"),
+    ("cubic-spline", "7/22", 3, slips.ROUNDED, "7*pi/22"),
 ]
 
 
@@ -120,7 +123,7 @@ CALLABLES = {
     "gauss cut at 2": (lambda q: gaussian(q, PI**-0.5, 2), None, 1, slips.TRUNCATION),
     "other derivative": (johnson, hyperbolic_slope, 3, slips.OTHER_DERIVATIVE),
     "no q in W'": (wendland, lambda q: wendland_slope(q) / q, 3, slips.MISSING_Q),
-    "q W'": (wendland, lambda q: wendland_slope(q) * q, 3, slips.MISSING_Q),
+    "q W'": (wendland, lambda q: wendland_slope(q) * q, 3, slips.SURPLUS_Q),
     "sign": (cubic, lambda q: -cubic_slope(q), 3, slips.SIGN),
     "chain rule": (
         lambda q: 8 * cubic(2 * q),
@@ -172,13 +175,60 @@ def test_a_planted_fault_of_a_callable_is_found_and_named(name):
 def test_the_power_of_h_is_checked():
     report = audit(lambda r, h: cubic(r / h) / h**2, 3, "W(r,h)")
     assert [f.kind for f in report.faults] == [slips.POWER_OF_H]
-    assert "h^-2" in report.faults[0].message
+    assert "power of h in W: −2, should be −3" in report.faults[0].message
 
 
 def test_a_right_derivative_beside_a_wrong_constant_is_told():
     report = audit(lambda q: quintic(q, 3 / (359 * PI)), 3, derivative=quintic_slope)
     assert [f.kind for f in report.faults] == [slips.MISPRINT, slips.WRONG_CONSTANT]
     assert "right constant, which W does not" in report.faults[1].message
+
+
+@pytest.mark.parametrize(
+    ("formula", "constant", "dim", "said"),
+    [
+        ("wendland-c2", "16*pi/21", 3, "the reciprocal of the right constant"),
+        ("cubic-spline", "7*pi/10", 2, "the reciprocal of the right constant"),
+        ("cubic-spline", "7/22", 3, "π was taken as 22/7"),
+        ("cubic-spline", "70/154", 2, "π was taken as 22/7"),
+        ("cubic-spline", "50/157", 3, "π was taken as 3.14;"),
+        ("cubic-spline", "1250/3927", 3, "π was taken as 3.1416;"),
+    ],
+)
+def test_the_slip_behind_a_constant_is_told(formula, constant, dim, said):
+    (fault,) = audit_formula(formula, constant, dim).faults
+    assert said in fault.message
+
+
+@pytest.mark.parametrize(
+    ("name", "kappa", "meaning"),
+    [
+        ("cubic", 1.0, "the support radius"),
+        ("cubic", 4.0, "something else"),
+        ("cubic", 2 * math.sqrt(5 / 6), "2σ"),  # 1.825742, Dehnen & Aly (2012), table 1
+        ("quintic", 1.0, "the support radius"),
+        ("quintic", 1.5, "something else"),
+        ("quintic", 6.0, "something else"),
+    ],
+)
+def test_a_slope_of_another_h_is_named_with_its_support(name, kappa, meaning):
+    """W as written, dW of the same kernel with support κ, which is not always 1."""
+    w, slope, support = {"cubic": (cubic, cubic_slope, 2), "quintic": (quintic, quintic_slope, 3)}[
+        name
+    ]
+    stretch = support / kappa
+    report = audit(w, 3, derivative=lambda q: stretch**4 * slope(stretch * q))
+    assert [f.kind for f in report.faults] == [slips.CONVENTION], report.to_text()
+    where = f"support at {kappa:.7g}h (as if h were {meaning}), W at {support}h"
+    assert where in report.faults[0].message
+
+
+@pytest.mark.parametrize("power", [-1, 1, 2])
+def test_a_lost_chain_rule_is_told_for_any_support(power):
+    """W of support 3, its slope times 3^power."""
+    report = audit(quintic, 3, derivative=lambda q: 3.0**power * quintic_slope(q))
+    assert [f.kind for f in report.faults] == [slips.POWER_OF_SUPPORT], report.to_text()
+    assert f"the chain rule's factor 3^{-power} is lost" in report.faults[0].message
 
 
 def test_the_size_of_a_truncation_is_that_of_the_error_function():
@@ -262,7 +312,7 @@ def test_a_kernel_of_ones_own_is_recovered_and_clean():
     report = audit(lambda q: own.w(q, 2), 2, derivative=lambda q: own.dw(q, 2))
     assert report.clean
     assert report.shape.startswith("0..1/3: ")
-    assert report.continuity == {"q = 0": "smooth", "q = 0.5": "C0", "q = 1.5": "C1"}
+    assert report.continuity == {"q = 0": "smooth", "q = 1/2": "C0", "q = 3/2": "C1"}
 
 
 # -- unusable input -------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sympy import Rational, pi, sqrt
 
-from sphtrunc.audit.constants import constant, identify, recognise, simplest_between
+from sphtrunc.audit.constants import constant, recognise, simplest_between
+from sphtrunc.audit.identification import identify
 
 VALUES = {
     "3/(359*pi)": 3 / (359 * pi),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
-from itertools import pairwise, product
 from math import comb
 from typing import Any
 
@@ -15,6 +14,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp, workdps
+from oracle import mass, mean_value, shape_of, sites
 from sympy import Rational, log
 
 from sphtrunc import derive, kernel
@@ -45,22 +45,9 @@ SMOOTH = [n for n in names() if kernel(n).smoothness >= 1]
 
 def slope_of(name: str) -> Any:
     """x -> Ŵ′(x) in fractions, the mean of both sides at a knot; 0 at the origin."""
-    shape = kernel(name)
-    sigma = Fraction(str(shape.normalisation(1)))
-    knots = [Fraction(str(k)) for k in shape.knots]
-    pieces = [[Fraction(str(c)) for c in piece] for piece in shape.coefficients()]
-
-    @cache
-    def slope(x: Fraction) -> Fraction:
-        q = abs(x)
-        if q == 0:
-            return Fraction(0)
-        sides = [i for i, (a, b) in enumerate(pairwise(knots)) if a <= q <= b]
-        share = 2 if q in knots[1:] else 1
-        total = sum(j * c * q ** (j - 1) for i in sides for j, c in enumerate(pieces[i]) if j)
-        return sigma * Fraction(total) / share * (1 if x > 0 else -1)
-
-    return slope
+    shape = shape_of(kernel(name))
+    sigma = 1 / mass(shape)
+    return cache(lambda x: sigma * mean_value(shape, x, 1))
 
 
 def by_hand(
@@ -176,37 +163,6 @@ def test_displaced_particles_are_the_same_seen_from_anywhere() -> None:
 
 
 # --------------------------------------------------------------- by hand, in 40 digits, 2D and 3D
-
-
-def sites(kind: str, reach: Any) -> list[list[Any]]:
-    """Places of particles within `reach`, volume 1 each, from the basis vectors and the places in
-    the cell."""
-    root = mp.sqrt
-    half = mp.mpf(1) / 2
-    a: Any
-    if kind == "hexagonal":
-        a = root(2 / root(3))
-        basis, cell = [[a, 0], [a / 2, a * root(3) / 2]], [[0, 0]]
-    elif kind == "bcc":
-        a = mp.cbrt(2)
-        basis, cell = [[a, 0, 0], [0, a, 0], [0, 0, a]], [[0, 0, 0], [half, half, half]]
-    else:  # hcp: hexagonal layers A B A B, c = a √(8/3), two to a cell
-        a = mp.cbrt(2 / (root(3) / 2 * root(mp.mpf(8) / 3)))
-        c = a * root(mp.mpf(8) / 3)
-        basis = [[a, 0, 0], [a / 2, a * root(3) / 2, 0], [0, 0, c]]
-        cell = [[0, 0, 0], [mp.mpf(1) / 3, mp.mpf(1) / 3, half]]
-    dim = len(basis)
-    steps = range(-int(2 * reach) - 2, int(2 * reach) + 3)
-    found = []
-    for index in product(steps, repeat=dim):
-        for place in cell:
-            x = [
-                mp.fsum((n + p) * e[i] for n, p, e in zip(index, place, basis, strict=True))
-                for i in range(dim)
-            ]
-            if mp.fsum(v * v for v in x) <= reach**2:
-                found.append(x)
-    return found
 
 
 @pytest.mark.parametrize(

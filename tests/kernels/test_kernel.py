@@ -7,54 +7,19 @@ import pickle
 from dataclasses import FrozenInstanceError
 from fractions import Fraction
 from itertools import pairwise
-from math import factorial, inf, perm
+from math import factorial, inf
 
 import pytest
 import sympy
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from oracle import Shape, continuous_derivatives, fraction, integral, jump
 from strategies import knot_lists, shapes
 from sympy import Poly, Rational, pi
 
 from sphtrunc import Kernel, kernel
 from sphtrunc.kernels.arguments import rational
 from sphtrunc.kernels.piecewise import q
-
-Shape = tuple[list[Fraction], list[list[Fraction]]]
-
-
-# -- the oracle: a shape as plain fractions --------------------------------------------------------
-
-
-def integral(shape: Shape, power: int, derivative: int = 0) -> Fraction:
-    """∫₀^κ q^power w^{(derivative)}(q) dq."""
-    total = Fraction(0)
-    for a, b, piece in zip(shape[0], shape[0][1:], shape[1], strict=False):
-        for i, c in enumerate(piece):
-            if i >= derivative:
-                n = i - derivative + power + 1
-                total += c * perm(i, derivative) * (b**n - a**n) / n
-    return total
-
-
-def one_sided(piece: list[Fraction], x: Fraction, m: int) -> Fraction:
-    """The m-th derivative of one piece."""
-    return sum((c * perm(i, m) * x ** (i - m) for i, c in enumerate(piece) if i >= m), Fraction(0))
-
-
-def jump(shape: Shape, index: int, m: int) -> Fraction:
-    """[w^{(m)}] of the even extension at the knot with this index; not normalised."""
-    knots, pieces = shape
-    x = knots[index]
-    right = one_sided(pieces[index], x, m) if index < len(pieces) else Fraction(0)
-    left = (-1) ** m * right if index == 0 else one_sided(pieces[index - 1], x, m)
-    return right - left
-
-
-def order_at(shape: Shape, index: int) -> float:
-    """The number of continuous derivatives at the knot: −1 if w jumps, inf if all are."""
-    degree = max(len(p) for p in shape[1])
-    return next((m - 1 for m in range(degree) if jump(shape, index, m)), inf)
 
 
 def pruned(shape: Shape) -> Shape:
@@ -63,11 +28,7 @@ def pruned(shape: Shape) -> Shape:
     while not any(pieces[-1]):
         pieces.pop()
         knots.pop()
-    return knots, pieces
-
-
-def as_fraction(x: object) -> Fraction:
-    return Fraction(str(x))
+    return Shape(knots, pieces)
 
 
 # -- identities ------------------------------------------------------------------------------------
@@ -80,7 +41,7 @@ def test_normalisation_and_moments(shape: Shape, dim: int) -> None:
     sphere = {1: 2, 2: 2 * pi, 3: 4 * pi}[dim]
     assert sympy.simplify(k.normalisation(dim) * sphere * Rational(str(mass)) - 1) == 0
     for n in range(8):
-        assert as_fraction(k.moment(n, dim)) == integral(shape, n + dim - 1) / mass
+        assert fraction(k.moment(n, dim)) == integral(shape, n + dim - 1) / mass
     assert k.moment(0, dim) == 1
 
 
@@ -92,7 +53,7 @@ def test_gradient_moments(shape: Shape, dim: int) -> None:
         expected = integral(shape, n + dim - 1, derivative=1) / mass
         if dim == 1 and n % 2 == 0:
             expected = Fraction(0)  # sⁿ Ŵ′ is odd
-        assert as_fraction(k.gradient_moment(n, dim)) == expected
+        assert fraction(k.gradient_moment(n, dim)) == expected
 
 
 @given(shapes(), st.sampled_from([1, 2, 3]))
@@ -105,8 +66,8 @@ def test_gradient_moments_by_parts(shape: Shape, dim: int) -> None:
             (jump(shape, i, 0) * x ** (n + dim - 1) for i, x in enumerate(shape[0]) if i),
             Fraction(0),
         )
-        by_parts = -(n + dim - 1) * as_fraction(k.moment(n - 1, dim)) - steps / mass
-        assert as_fraction(k.gradient_moment(n, dim)) == by_parts
+        by_parts = -(n + dim - 1) * fraction(k.moment(n - 1, dim)) - steps / mass
+        assert fraction(k.gradient_moment(n, dim)) == by_parts
 
 
 @given(shapes())
@@ -114,7 +75,7 @@ def test_jumps_at_every_knot(shape: Shape) -> None:
     k = Kernel(*shape)
     sigma = 1 / (2 * integral(shape, 0))
     for m in range(12):
-        found = {as_fraction(p): as_fraction(j) for p, j in k.jumps(m).items()}
+        found = {fraction(p): fraction(j) for p, j in k.jumps(m).items()}
         assert list(found) == sorted(found)
         assert set(found) <= {s * x for x in shape[0] for s in (-1, 1)}
         for i, x in enumerate(shape[0]):
@@ -128,13 +89,13 @@ def test_jumps_at_every_knot(shape: Shape) -> None:
 def test_smoothness_of_every_knot(shape: Shape) -> None:
     k = Kernel(*shape)
     shape = pruned(shape)
-    orders = {x: order_at(shape, i) for i, x in enumerate(shape[0])}
-    found = {as_fraction(p): o for p, o in k.knot_smoothness().items()}
+    orders = {x: continuous_derivatives(shape, i) for i, x in enumerate(shape[0])}
+    found = {fraction(p): o for p, o in k.knot_smoothness().items()}
     for x, order in orders.items():
         assert found.get(x, inf) == order
     assert k.smoothness == min(orders.values())
     assert k.boundary_smoothness == orders[shape[0][-1]]
-    assert as_fraction(k.support) == shape[0][-1]
+    assert fraction(k.support) == shape[0][-1]
     assert k.degree == max(i for p in shape[1] for i, c in enumerate(p) if c)
 
 
@@ -142,20 +103,20 @@ def test_smoothness_of_every_knot(shape: Shape) -> None:
 def test_scaled(shape: Shape, support: Fraction) -> None:
     k = Kernel(*shape)
     scaled = k.scaled(support=support)
-    ratio = support / as_fraction(k.support)
-    assert as_fraction(scaled.support) == support
+    ratio = support / fraction(k.support)
+    assert fraction(scaled.support) == support
     for dim in (1, 2, 3):
         for n in range(5):
-            expected = as_fraction(k.moment(n, dim)) * ratio**n
-            assert as_fraction(scaled.moment(n, dim)) == expected
+            expected = fraction(k.moment(n, dim)) * ratio**n
+            assert fraction(scaled.moment(n, dim)) == expected
     assert scaled.boundary_smoothness == k.boundary_smoothness
     assert list(scaled.knot_smoothness().values()) == list(k.knot_smoothness().values())
     assert scaled.scaled(k.support) == k
     # the same W: jumps of the m-th derivative grow by ratio^-(m+1), and stay in their places
     for m in range(4):
-        stretched = {as_fraction(p) * ratio: j for p, j in k.jumps(m).items()}
+        stretched = {fraction(p) * ratio: j for p, j in k.jumps(m).items()}
         for p, j in scaled.jumps(m).items():
-            assert as_fraction(j) == as_fraction(stretched[as_fraction(p)]) / ratio ** (m + 1)
+            assert fraction(j) == fraction(stretched[fraction(p)]) / ratio ** (m + 1)
 
 
 # -- a kernel is a value ---------------------------------------------------------------------------
@@ -364,13 +325,13 @@ def test_zero_integral_is_refused_where_it_matters() -> None:
 @given(st.fractions(max_denominator=10**6))
 def test_rational_takes_every_exact_spelling(x: Fraction) -> None:
     spellings = [x, str(x), f" {x} ", Rational(x.numerator, x.denominator)]
-    assert {as_fraction(rational(s)) for s in spellings} == {x}
+    assert {fraction(rational(s)) for s in spellings} == {x}
 
 
 @given(st.decimals(-1000, 1000, places=6, allow_nan=False))
 def test_decimals_are_exact(x: object) -> None:
     text = f"{x:f}"
-    assert as_fraction(rational(text)) == Fraction(text)
+    assert fraction(rational(text)) == Fraction(text)
 
 
 @given(st.floats())

@@ -23,14 +23,14 @@ import argparse
 import csv
 import sys
 import time
-from bisect import bisect_left
 from fractions import Fraction
 from itertools import pairwise
-from math import comb, gcd, inf, lcm, ulp
+from math import gcd, inf, lcm, ulp
 from pathlib import Path
 
 import numpy as np
 from mpmath import mp, workprec
+from oracle import Shape, differentiated, expanded, mass, one_sided, shape_of
 
 from sphtrunc import Kernel, kernel
 from sphtrunc.kernels.catalogue import names
@@ -40,43 +40,6 @@ FIELDS = ["kernel", "dim", "dtype", "function", "points", "max", "worst_q"]
 FUNCTIONS = {"w": 0, "dw": 1, "d2w": 2}
 DTYPES = {"float64": np.float64, "float32": np.float32}
 PI_BITS = 400
-
-
-def fractions_of(shape: Kernel) -> tuple[list[Fraction], list[list[Fraction]]]:
-    """Knots and coefficients (lowest degree first) as Fractions."""
-    return (
-        [Fraction(int(k.p), int(k.q)) for k in shape.knots],
-        [[Fraction(int(c.p), int(c.q)) for c in piece] for piece in shape.coefficients()],
-    )
-
-
-def differentiate(piece: list[Fraction], times: int) -> list[Fraction]:
-    for _ in range(times):
-        piece = [i * c for i, c in enumerate(piece)][1:] or [Fraction(0)]
-    return piece
-
-
-def value(piece: list[Fraction], x: Fraction) -> Fraction:
-    total = Fraction(0)
-    for c in reversed(piece):
-        total = total * x + c
-    return total
-
-
-def about(piece: list[Fraction], b: Fraction) -> list[Fraction]:
-    """The coefficients in powers of t = b − q."""
-    return [
-        (-1) ** j * sum(c * comb(i, j) * b ** (i - j) for i, c in enumerate(piece) if i >= j)
-        for j in range(len(piece))
-    ]
-
-
-def sphere_mass(knots: list[Fraction], pieces: list[list[Fraction]], dim: int) -> Fraction:
-    """∫ w(q) q^{d−1} dq times 2 (d = 1, 2) or 4 (d = 3); π is left out."""
-    mass = Fraction(0)
-    for a, b, piece in zip(knots, knots[1:], pieces, strict=False):
-        mass += sum(c * (b ** (i + dim) - a ** (i + dim)) / (i + dim) for i, c in enumerate(piece))
-    return mass * (2, 2, 4)[dim - 1]
 
 
 def inverse_pi() -> int:
@@ -89,11 +52,12 @@ class Exact:
     """One derivative of one kernel, evaluated without rounding; in any dimension."""
 
     def __init__(self, shape: Kernel, derivative: int) -> None:
-        self.knots, pieces = fractions_of(shape)
-        self.mass = {d: sphere_mass(self.knots, pieces, d) for d in (1, 2, 3)}
-        self.pieces = [differentiate(p, derivative) for p in pieces]
+        given = shape_of(shape)
+        self.knots = given.knots
+        self.mass = {d: mass(given, d) for d in (1, 2, 3)}
+        self.pieces = [differentiated(p, derivative) for p in given.pieces]
         self.local = [
-            [float(abs(c)) for c in about(p, b)]
+            [float(abs(c)) for c in expanded(p, b)]
             for p, b in zip(self.pieces, self.knots[1:], strict=True)
         ]
         self.scale = lcm(*(c.denominator for p in self.pieces for c in p))
@@ -104,13 +68,9 @@ class Exact:
         if q == inf:
             return Fraction(0)
         x = Fraction(q)
-        i = bisect_left(self.knots, x)
-        if i == len(self.knots):
-            return Fraction(0)
-        if i == 0 or x != self.knots[i]:
-            return value(self.pieces[max(i - 1, 0)], x)
-        right = value(self.pieces[i], x) if i < len(self.pieces) else Fraction(0)
-        return (value(self.pieces[i - 1], x) + right) / 2
+        shape = Shape(self.knots, self.pieces)
+        right = one_sided(shape, x, 1)
+        return right if x == 0 else (right + one_sided(shape, x, -1)) / 2
 
     def numerators(self, points: np.ndarray) -> tuple[list[int], list[int]]:
         """Integers n, e with the function at points[k] equal to n[k] / (2 scale 2^{e[k]})."""

@@ -95,8 +95,9 @@ def test_equation_of_state(c2: Fraction, P0: Fraction, gamma: int, rho0: Fractio
 
 def test_artificial_stress_acts_under_tension_only() -> None:
     stress = ArtificialStress(Fraction(1, 5))
-    assert stress.factor(Fraction(-1), Fraction(1, 2)) == 1 - Fraction(1, 80)
-    assert stress.factor(Fraction(1), Fraction(1, 2)) == 1
+    weight = Fraction(-3)
+    assert stress.repulsion(weight, Fraction(-1), Fraction(1, 2)) == Fraction(3, 80)
+    assert stress.repulsion(weight, Fraction(1), Fraction(1, 2)) == 0
 
 
 def test_bad_arguments_are_named() -> None:

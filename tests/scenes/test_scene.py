@@ -8,19 +8,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sphtrunc
-from sphtrunc.scenes import lattice as sc
+from sphtrunc.arithmetic.rational import exact
+from sphtrunc.scenes.graded import graded
+from sphtrunc.scenes.jittered import Jittered, jittered
+from sphtrunc.scenes.lattice import lattice
+from sphtrunc.scenes.neighbourhood import Neighbourhood
 from sphtrunc.scenes.particles import particles
+from sphtrunc.scenes.scene import sample
 from sphtrunc.scenes.sites import KINDS, sites, units
 
 CUBIC = sphtrunc.kernel("cubic-spline")
 ZERO = np.array([0])
 
 
-def lengths(block: sc.Neighbourhood) -> np.ndarray:
+def lengths(block: Neighbourhood) -> np.ndarray:
     return np.sqrt((block.offset**2).sum(axis=0))
 
 
-def brute(scene: sc.Jittered, target: int, cells: int) -> np.ndarray:
+def brute(scene: Jittered, target: int, cells: int) -> np.ndarray:
     """Offsets of every particle of a wide cube of integer points, (d, n), in units of h."""
     kind = scene.lattice.kind
     axes = np.meshgrid(*[np.arange(-cells, cells + 1)] * scene.dim, indexing="ij")
@@ -57,7 +62,7 @@ NEAREST = {  # nearest-neighbour distance at one particle a unit volume
 @pytest.mark.parametrize("kind", KINDS)
 def test_lattices_are_the_crystals_they_are_called(kind: str) -> None:
     dim = KINDS[kind].dim
-    block = sc.lattice(dim, kind, "1/4").neighbourhood(ZERO, CUBIC)
+    block = lattice(dim, kind, "1/4").neighbourhood(ZERO, CUBIC)
     r2 = np.sort((lengths(block)[:, 0] * 4 / NEAREST[kind]) ** 2)
     assert r2[0] == 0
     assert np.array_equal(block.volume, [[0.25**dim]])
@@ -95,7 +100,7 @@ rationals = st.fractions(Fraction(1, 40), Fraction(3, 2), max_denominator=97)
 @settings(max_examples=60)
 @given(rationals, st.fractions(-1, 1, max_denominator=50))
 def test_uniform_offsets_are_correctly_rounded(ratio: Fraction, theta: Fraction) -> None:
-    scene = sc.lattice(1, None, ratio, theta)
+    scene = lattice(1, None, ratio, theta)
     block = scene.neighbourhood(ZERO, CUBIC, extended=True)
     j = np.arange(-200, 200)
     truth = [(int(i) + theta) * ratio for i in j]
@@ -114,7 +119,7 @@ def test_uniform_offsets_are_correctly_rounded(ratio: Fraction, theta: Fraction)
 def test_offsets_in_space_are_correctly_rounded(kind: str) -> None:
     dim = KINDS[kind].dim
     shift = (Fraction(1, 3), Fraction(1, 7), Fraction(-2, 5))[:dim]
-    scene = sc.lattice(dim, kind, "7/10", shift)
+    scene = lattice(dim, kind, "7/10", shift)
     block = scene.neighbourhood(ZERO, CUBIC, errors=True)
     exact, _ = scene.exact_neighbourhood(0, CUBIC)
     assert exact.shape == block.offset.shape[:2]
@@ -127,11 +132,11 @@ def test_offsets_in_space_are_correctly_rounded(kind: str) -> None:
 
 
 def test_what_a_text_says_is_what_is_used() -> None:
-    assert sc.lattice(1, None, "0.7").dx_over_h == Fraction(7, 10)
-    assert sc.exact("1e-8", "h_over_lambda") == Fraction(1, 10**8)
-    assert sc.exact(" -.5E+2 ", "offset") == -50
-    assert sc.lattice(1, None, 0.7).dx_over_h == Fraction(0.7) != Fraction(7, 10)
-    assert sc.lattice(1, None, np.float64(0.5)).dx_over_h == Fraction(1, 2)
+    assert lattice(1, None, "0.7").dx_over_h == Fraction(7, 10)
+    assert exact("1e-8", "h_over_lambda") == Fraction(1, 10**8)
+    assert exact(" -.5E+2 ", "offset") == -50
+    assert lattice(1, None, 0.7).dx_over_h == Fraction(0.7) != Fraction(7, 10)
+    assert lattice(1, None, np.float64(0.5)).dx_over_h == Fraction(1, 2)
 
 
 # ------------------------------------------------------------------------------------- jittered
@@ -150,7 +155,7 @@ def test_no_neighbour_is_missed_and_none_is_made_up(
     kind: str, distribution: str, sigma: float
 ) -> None:
     dim = KINDS[kind].dim
-    scene = sc.jittered(sc.lattice(dim, kind, "3/4", extent=50), sigma, distribution, seed=9)
+    scene = jittered(lattice(dim, kind, "3/4", extent=50), sigma, distribution, seed=9)
     target = np.array([0, 7, scene.population - 1])
     block = scene.neighbourhood(target, CUBIC)
     r = lengths(block)
@@ -164,7 +169,7 @@ def test_no_neighbour_is_missed_and_none_is_made_up(
 
 
 def test_a_scene_is_the_same_in_any_order_and_any_block() -> None:
-    scene = sc.jittered(sc.lattice(3, None, "3/5"), 0.2, seed=4)
+    scene = jittered(lattice(3, None, "3/5"), 0.2, seed=4)
     target = np.array([5, 999_999_999, 123_456, 7, 0])
     block = scene.neighbourhood(target, CUBIC)
     for t, one in enumerate(target):
@@ -176,7 +181,7 @@ def test_a_scene_is_the_same_in_any_order_and_any_block() -> None:
 
 def test_a_pair_is_seen_alike_from_both_ends() -> None:
     """s_ab = −s_ba: displacements belong to particles, not to neighbourhoods."""
-    scene = sc.jittered(sc.lattice(2, "hexagonal", "3/5", extent=100), 0.2, seed=4)
+    scene = jittered(lattice(2, "hexagonal", "3/5", extent=100), 0.2, seed=4)
     target = np.array([5050, 5051, 5150])
     block = scene.neighbourhood(target, CUBIC)
     step = scene.origin(target)[:, 1:] - scene.origin(target)[:, :1]
@@ -193,10 +198,10 @@ def test_a_pair_is_seen_alike_from_both_ends() -> None:
 @pytest.mark.parametrize("kind", ["uniform", "square", "hexagonal", "cubic", "fcc"])
 def test_displacements_have_the_asked_standard_deviation(kind: str, distribution: str) -> None:
     dim = KINDS[kind].dim
-    scene = sc.jittered(sc.lattice(dim, kind), 0.2, distribution)
+    scene = jittered(lattice(dim, kind), 0.2, distribution)
     side = round(300_000 ** (1 / dim))
     index = scene.origin(np.arange(side**dim))
-    big = sc.jittered(sc.lattice(dim, kind, extent=side), 0.2, distribution)
+    big = jittered(lattice(dim, kind, extent=side), 0.2, distribution)
     index = big.origin(np.arange(side**dim))
     u = big.displacement(index)
     n = u.size
@@ -207,7 +212,7 @@ def test_displacements_have_the_asked_standard_deviation(kind: str, distribution
 
 def test_blue_noise_has_its_spectrum() -> None:
     """1D: (v_n − (v_{n−1} + v_{n+1})/2)/√(3/2) has covariances 1, −2/3, 1/6, 0, …"""
-    scene = sc.jittered(sc.lattice(1), 1.0, "blue", seed=3)
+    scene = jittered(lattice(1), 1.0, "blue", seed=3)
     u = scene.displacement(np.arange(1_000_000)[None])[0]
     for lag, truth in enumerate([1, -2 / 3, 1 / 6, 0, 0]):
         assert abs(np.mean(u[lag:] * u[: u.size - lag]) - truth) < 0.006
@@ -217,8 +222,8 @@ def test_blue_noise_has_its_spectrum() -> None:
 @pytest.mark.parametrize("theta", [0, "1/3"])
 def test_jittered_offsets_are_within_their_bounds(dim: int, kind: str, theta: object) -> None:
     shift = [theta] * dim
-    scene = sc.jittered(sc.lattice(dim, kind, "7/10", shift, extent=1000), 0.2, seed=1)
-    targets = sc.sample(scene, 0, 12, 0)
+    scene = jittered(lattice(dim, kind, "7/10", shift, extent=1000), 0.2, seed=1)
+    targets = sample(scene, 0, 12, 0)
     block = scene.neighbourhood(targets, CUBIC, errors=True)
     fine = scene.neighbourhood(targets, CUBIC, extended=True)
     assert block.offset_error is not None
@@ -243,7 +248,7 @@ def test_jittered_offsets_are_within_their_bounds(dim: int, kind: str, theta: ob
 
 
 def test_cell_volumes_are_half_the_distance_between_the_neighbours() -> None:
-    scene = sc.jittered(sc.lattice(1, None, "2/5", volume="cell", extent=500), 0.4, seed=2)
+    scene = jittered(lattice(1, None, "2/5", volume="cell", extent=500), 0.4, seed=2)
     targets = np.arange(40)
     block = scene.neighbourhood(targets, CUBIC, errors=True)
     fine = scene.neighbourhood(targets, CUBIC, extended=True)
@@ -272,7 +277,7 @@ def test_cell_volumes_are_half_the_distance_between_the_neighbours() -> None:
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_summation_volumes(dim: int) -> None:
-    scene = sc.jittered(sc.lattice(dim, None, "4/5", volume="summation", extent=90), 0.2, seed=2)
+    scene = jittered(lattice(dim, None, "4/5", volume="summation", extent=90), 0.2, seed=2)
     targets = np.array([0, 11, 80])
     block = scene.neighbourhood(targets, CUBIC)
     for t, one in enumerate(targets):
@@ -283,7 +288,7 @@ def test_summation_volumes(dim: int) -> None:
 
 
 def test_summation_volume_of_a_lattice_makes_the_kernel_sum_to_one() -> None:
-    block = sc.lattice(3, "fcc", "3/4", volume="summation").neighbourhood(ZERO, CUBIC)
+    block = lattice(3, "fcc", "3/4", volume="summation").neighbourhood(ZERO, CUBIC)
     assert (CUBIC.w(lengths(block), 3) * block.volume).sum() == pytest.approx(1, rel=1e-14)
 
 
@@ -291,7 +296,7 @@ def test_summation_volume_of_a_lattice_makes_the_kernel_sum_to_one() -> None:
 
 
 def test_graded_with_constant_spacing_is_the_lattice() -> None:
-    block = sc.graded(lambda x: 0.4 + 0.0 * x, [0.0, 3.5], "1/3").neighbourhood(
+    block = graded(lambda x: 0.4 + 0.0 * x, [0.0, 3.5], "1/3").neighbourhood(
         np.array([0, 1]), CUBIC
     )
     truth = np.array([s for s in (np.arange(-20, 20) + 1 / 3) * 0.4 if abs(s) <= 2])
@@ -304,7 +309,7 @@ def test_graded_with_constant_spacing_is_the_lattice() -> None:
 def test_graded_spacing_follows_its_map() -> None:
     """dx/dξ = c e^{g x} has x(ξ) = −ln(e^{−g x₀} − g c ξ)/g."""
     c, g, x0 = 0.2, 0.25, 0.7
-    scene = sc.graded(lambda x: c * np.exp(g * x), x0)
+    scene = graded(lambda x: c * np.exp(g * x), x0)
     block = scene.neighbourhood(ZERO, CUBIC)
     xi = np.arange(-14, 10)
     truth = -np.log(np.exp(-g * x0) - g * c * xi) / g - x0
@@ -396,39 +401,39 @@ def test_explicit_exact_and_extended_agree() -> None:
 
 NAN, INF = float("nan"), float("inf")
 BAD = {
-    "dim": lambda: sc.lattice(4),
-    "kind": lambda: sc.lattice(2, "cubic"),
-    "ratio zero": lambda: sc.lattice(1, None, 0),
-    "ratio negative": lambda: sc.lattice(1, None, "-1/2"),
-    "ratio text": lambda: sc.lattice(1, None, "a/b"),
-    "ratio by zero": lambda: sc.lattice(1, None, "1/0"),
-    "ratio nan": lambda: sc.lattice(1, None, NAN),
-    "ratio inf": lambda: sc.lattice(1, None, INF),
-    "ratio huge power": lambda: sc.lattice(1, None, "1e999999999"),
-    "ratio bool": lambda: sc.lattice(1, None, True),
-    "offset number": lambda: sc.lattice(3, None, "1/2", "1/3"),
-    "offset length": lambda: sc.lattice(3, None, "1/2", [0, 0]),
-    "offset nan": lambda: sc.lattice(1, None, "1/2", NAN),
-    "offset far": lambda: sc.lattice(1, None, "1/2", 10**9),
-    "volume": lambda: sc.lattice(1, None, "1/2", volume="voronoi"),
-    "cells in 2D": lambda: sc.lattice(2, None, "1/2", volume="cell"),
-    "extent": lambda: sc.lattice(1, None, "1/2", extent=0),
-    "extent float": lambda: sc.lattice(1, None, "1/2", extent=2.5),
-    "jitter negative": lambda: sc.jittered(sc.lattice(), -0.1),
-    "jitter nan": lambda: sc.jittered(sc.lattice(), NAN),
-    "jitter text": lambda: sc.jittered(sc.lattice(), "x"),
-    "distribution": lambda: sc.jittered(sc.lattice(), 0.1, "white"),
-    "blue hcp": lambda: sc.jittered(sc.lattice(3, "hcp"), 0.1, "blue"),
-    "seed": lambda: sc.jittered(sc.lattice(), 0.1, seed=-1),
-    "seed float": lambda: sc.jittered(sc.lattice(), 0.1, seed=1.5),
-    "spacing": lambda: sc.graded(0.5),
-    "spacing negative": lambda: sc.graded(lambda x: -1.0 + 0 * x).neighbourhood(ZERO, CUBIC),
-    "spacing nan": lambda: sc.graded(lambda x: NAN * x).neighbourhood(ZERO, CUBIC),
-    "spacing shape": lambda: sc.graded(lambda x: np.ones(7)).neighbourhood(ZERO, CUBIC),
-    "targets nan": lambda: sc.graded(lambda x: 1 + 0 * x, [NAN]),
-    "targets none": lambda: sc.graded(lambda x: 1 + 0 * x, []),
-    "no neighbour": lambda: sc.lattice(1, None, 3).neighbourhood(ZERO, CUBIC),
-    "too many": lambda: sc.lattice(3, None, "1/500").neighbourhood(ZERO, CUBIC),
+    "dim": lambda: lattice(4),
+    "kind": lambda: lattice(2, "cubic"),
+    "ratio zero": lambda: lattice(1, None, 0),
+    "ratio negative": lambda: lattice(1, None, "-1/2"),
+    "ratio text": lambda: lattice(1, None, "a/b"),
+    "ratio by zero": lambda: lattice(1, None, "1/0"),
+    "ratio nan": lambda: lattice(1, None, NAN),
+    "ratio inf": lambda: lattice(1, None, INF),
+    "ratio huge power": lambda: lattice(1, None, "1e999999999"),
+    "ratio bool": lambda: lattice(1, None, True),
+    "offset number": lambda: lattice(3, None, "1/2", "1/3"),
+    "offset length": lambda: lattice(3, None, "1/2", [0, 0]),
+    "offset nan": lambda: lattice(1, None, "1/2", NAN),
+    "offset far": lambda: lattice(1, None, "1/2", 10**9),
+    "volume": lambda: lattice(1, None, "1/2", volume="voronoi"),
+    "cells in 2D": lambda: lattice(2, None, "1/2", volume="cell"),
+    "extent": lambda: lattice(1, None, "1/2", extent=0),
+    "extent float": lambda: lattice(1, None, "1/2", extent=2.5),
+    "jitter negative": lambda: jittered(lattice(), -0.1),
+    "jitter nan": lambda: jittered(lattice(), NAN),
+    "jitter text": lambda: jittered(lattice(), "x"),
+    "distribution": lambda: jittered(lattice(), 0.1, "white"),
+    "blue hcp": lambda: jittered(lattice(3, "hcp"), 0.1, "blue"),
+    "seed": lambda: jittered(lattice(), 0.1, seed=-1),
+    "seed float": lambda: jittered(lattice(), 0.1, seed=1.5),
+    "spacing": lambda: graded(0.5),
+    "spacing negative": lambda: graded(lambda x: -1.0 + 0 * x).neighbourhood(ZERO, CUBIC),
+    "spacing nan": lambda: graded(lambda x: NAN * x).neighbourhood(ZERO, CUBIC),
+    "spacing shape": lambda: graded(lambda x: np.ones(7)).neighbourhood(ZERO, CUBIC),
+    "targets nan": lambda: graded(lambda x: 1 + 0 * x, [NAN]),
+    "targets none": lambda: graded(lambda x: 1 + 0 * x, []),
+    "no neighbour": lambda: lattice(1, None, 3).neighbourhood(ZERO, CUBIC),
+    "too many": lambda: lattice(3, None, "1/500").neighbourhood(ZERO, CUBIC),
     "x shape": lambda: particles(np.zeros((2, 2, 2)), h=1, volume=1),
     "x four": lambda: particles(np.zeros((2, 4)), h=1, volume=1),
     "x empty": lambda: particles([], h=1, volume=1),

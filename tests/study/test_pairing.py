@@ -14,7 +14,7 @@ from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.forces import FORCES
 from sphtrunc.study.pairing import DENSEST, GAS, pairing_limit, sign_change
 from sphtrunc.study.stability import COARSE, pairing
-from sphtrunc.theory.modes import Rest
+from sphtrunc.theory.dispersion.modes import Rest
 
 WENDLAND = ("wendland-c2", "wendland-c4", "wendland-c6")
 SPLINES = ("cubic-spline", "quartic-spline", "quintic-spline")  # M4, M5, M6

@@ -24,6 +24,7 @@ from sphtrunc.experiment.accelerations import (
     leapfrog,
     wave_matrix,
 )
+from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.forces import FORCES, RATES, ArtificialStress, EquationOfState, force
 from sphtrunc.scenes.sites import KINDS, units
 from sphtrunc.study.stability import (
@@ -37,10 +38,13 @@ from sphtrunc.study.stability import (
     stability,
     stability_map,
     stable_ranges,
+    viscous_step,
     waves,
 )
-from sphtrunc.theory.brillouin import point, scale
-from sphtrunc.theory.modes import LONGITUDINAL, TRANSVERSE, Rest, growth
+from sphtrunc.theory.dispersion.brillouin import point, scale
+from sphtrunc.theory.dispersion.lattice_waves import Scan
+from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, growth
+from sphtrunc.theory.dispersion.relation import damping
 
 F = Fraction
 SYMMETRIC = force("symmetric")
@@ -100,7 +104,10 @@ def cases(draw: st.DrawFn, kinds: tuple[str, ...]) -> tuple[Rest, tuple[int, ...
     if p and form.startswith("symmetric") and draw(st.booleans()):
         epsilon = draw(st.fractions(0, F(1, 2), max_denominator=9))
         stress = ArtificialStress(epsilon, draw(st.integers(1, 6)))
-    volume = "summation" if form == "grad-h" else draw(st.sampled_from(["summation", "constant"]))
+    volumes = ["summation"] if form == "grad-h" else ["summation", "constant"]
+    if form.startswith("csph"):
+        volumes.append("corrected")
+    volume = draw(st.sampled_from(volumes))
     turns = tuple(draw(st.integers(0, 7)) for _ in range(KINDS[kind].dim))
     ratio = support / reach
     try:
@@ -296,8 +303,6 @@ def test_wendland_kernels_do_not_pair(name: str, kind: str) -> None:
     """Up to 2000 neighbours, over a grid of the zone and beyond what rounding can do; the cause:
     F > 0, where that of the cubic spline changes sign at kh = 2π."""
     assert pairing(rest(name, kind), most=2000, divisions=8).neighbours is None
-    from sphtrunc.kernels.transform import transform
-
     k = np.linspace(0.01, 60, 2000)
     assert (transform(kernel(name), k, 3) > 0).all()
     assert transform(kernel("cubic-spline"), [2 * pi * 0.999, 2 * pi * 1.001], 3).prod() < 0
@@ -498,3 +503,131 @@ def test_a_box_must_be_longer_than_two_supports() -> None:
 
 def test_growth_is_the_imaginary_part_of_the_frequency() -> None:
     assert growth(np.array([-1.0, 1.0])).tolist() == [1.0, 0.0]
+
+
+def test_kernels_without_stiffness_pair_at_any_number_of_neighbours() -> None:
+    """A hat has no W″ between its knots, so its particles never stand; a top-hat has no force."""
+    found = pairing(rest("b-spline:2", "fcc"), most=60, divisions=8)
+    assert found.neighbours == pytest.approx(NEIGHBOURS[3][0])
+    assert pairing(rest("polynomial:-1", "fcc"), most=60, divisions=8).neighbours is None
+
+
+# -- artificial viscosity, frozen repulsion, sums by the reciprocal lattice ------------------------
+
+VISCOUS = {0.1: 1.003467, 1.0: 0.578405}
+
+
+@pytest.mark.parametrize(("alpha", "step"), VISCOUS.items())
+def test_time_steps_with_viscosity_to_the_digits_given(alpha: float, step: float) -> None:
+    """1D, cubic spline, Δx/h = 5/6, p = 1."""
+    assert round(viscous_step(rest("cubic-spline", "uniform", p="1"), alpha), 6) == step
+
+
+def test_strong_viscosity_is_limited_at_the_edge_of_the_zone() -> None:
+    """ω²Δt² + 2αΓΔt = 4 at k = π/Δx, α = 1, from sums by hand."""
+    shape, r = kernel("cubic-spline"), 5 / 6
+    rho = float(shape.w(0)) + 2 * sum(float(shape.w(j * r)) for j in (1, 2))
+    omega2 = 2 * 2 * 2 * float(shape.d2w(r)) / rho
+    gamma = -2 * 2 * float(shape.dw(r)) / r / rho
+    step = VISCOUS[1.0]
+    assert step**2 * omega2 + 2 * gamma * step == pytest.approx(4, rel=4e-6)
+
+
+def test_without_viscosity_the_step_is_that_of_leapfrog() -> None:
+    setting = rest("wendland-c2", "hexagonal")
+    found = stability(setting, ranges=False).courant["leapfrog"]
+    assert viscous_step(setting, 0.0) == pytest.approx(found, rel=1e-12)
+    with pytest.raises(ValueError, match="expected α >= 0"):
+        viscous_step(setting, -1.0)
+
+
+def test_a_kick_and_drift_with_viscosity_flips_at_its_step() -> None:
+    """One step of x, v as a matrix on the mode that limits: |G| crosses 1 there."""
+    setting = rest("cubic-spline", "uniform", p="1")
+    (mode,) = setting.modes((F(1),))
+    scan = setting.scan([[1.0]])
+    gamma = float(damping(scan.at(setting.kernel, 5 / 6, "summation"))[0, 0, 0])
+    alpha, step = 1.0, viscous_step(setting, 1.0)
+
+    def largest(dt: float) -> float:
+        kick = np.array([[1, 0], [-mode.omega2 * dt, 1 - alpha * gamma * dt]])
+        return float(np.abs(np.linalg.eigvals(np.array([[1, dt], [0, 1]]) @ kick)).max())
+
+    assert largest(0.999 * step) <= 1
+    assert largest(1.001 * step) > 1
+
+
+def test_a_frozen_repulsion_is_linearised_as_it_is_and_costs_more() -> None:
+    """c_eff²/c² = 1.334 for ε = 0.2, p = −0.2, Δx/h = 5/6, where it was 1.086."""
+    frozen = ArtificialStress(F(1, 5), frozen=True)
+    setting = rest("cubic-spline", "uniform", p="-1/5", stress=frozen)
+    assert round(float(setting.long_waves().sound_speed2), 3) == 1.334
+    for kind, turns in (("uniform", (2,)), ("square", (1, 3)), ("fcc", (1, 2, 0))):
+        case = rest("cubic-spline", kind, "9/10", "-1/5", stress=frozen)
+        seen, derived, _ = seen_and_derived(case, turns)
+        assert np.abs(seen - derived).max() <= 1e-10 * np.abs(derived).max()
+
+
+STIFFNESS = [("cubic-spline", 60, 0.13242805), ("cubic-spline", 100, -0.10942723),
+             ("wendland-c2", 100, 0.17815854)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "count", "value"), STIFFNESS)
+def test_the_stiffness_at_w(name: str, count: int, value: float) -> None:
+    """V T_xx h² with V = Δx³: half of ω²/p of the longitudinal mode, where S = 0."""
+    ratio = F(ratio_of(kernel(name), 3, count))
+    modes = rest(name, "fcc", ratio, "1/2", volume="constant").modes(point("fcc", "W"), exact=False)
+    (along,) = [m.omega2 for m in modes if m.branch == LONGITUDINAL]
+    assert round(along, 8) == value
+
+
+@pytest.mark.parametrize(("name", "reach", "within"), [("wendland-c6", 60, 5e-8),
+                                                       ("quintic-spline", 60, 3e-5)])  # fmt: skip
+def test_sums_by_the_reciprocal_lattice(name: str, reach: float, within: float) -> None:
+    """V S = −Σ (k+G) F(k+G) and V T = Σ [F(k+G)(k+G)(k+G)ᵀ − F(G) G Gᵀ] over |G| < 60/a on fcc:
+    by the Fourier transform, which shares no sum over particles with what it judges."""
+    shape = kernel(name)
+    ratio = ratio_of(shape, 3, 150)
+    a = 4 ** (1 / 3) * ratio  # of the cubic cell, in h
+    n = int(reach / (2 * pi)) + 1
+    whole = np.arange(-n, n + 1)
+    m = np.stack(np.meshgrid(whole, whole, whole), axis=-1).reshape(-1, 3)
+    m = m[(m % 2 == m[:, :1] % 2).all(axis=1)]
+    G = 2 * pi / a * m
+    G = G[(G**2).sum(axis=1) < (reach / a) ** 2]
+    k = 2 * pi / a * np.array([0.3, 0.2, 0.1])
+
+    def at(x: np.ndarray) -> np.ndarray:
+        return np.asarray(transform(shape, np.sqrt((x**2).sum(axis=1)), 3))
+
+    moved = k + G
+    s = -(at(moved)[:, None] * moved).sum(axis=0)
+    t = np.einsum("g,gi,gj->ij", at(moved), moved, moved)
+    t -= np.einsum("g,gi,gj->ij", at(G), G, G)
+    waves_ = Scan("fcc", [[0.3, 0.2, 0.1]], 5).at(shape, ratio, "constant")
+    out, _ = waves_.vector(waves_.gradient)
+    seen_t = waves_.tensor(waves_.hessian)[0]
+    assert np.abs(out[0, :, 0] - s).max() <= 3 * within * np.abs(s).max()
+    assert np.abs(seen_t - t).max() <= 3 * within * np.abs(t).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [("cubic-spline", 2 * pi), ("quartic-spline", 8.986819), ("quintic-spline", 2 * pi)],
+)
+def test_where_transforms_first_change_sign(name: str, first: float) -> None:
+    """kh = 2π for even splines in 3D; 2x with tan x = x for M5."""
+    k = np.linspace(0.01, first * 0.999, 4000)
+    assert (transform(kernel(name), k, 3) > 0).all()
+    assert transform(kernel(name), first * 1.01, 3) < 0  # a zero of up to the fifth order
+
+
+def test_the_shear_of_m5_is_stable_again() -> None:
+    """Along [110], moving along [1−10], from 85.87654856 neighbours on."""
+    signs = []
+    for n in (85.87654856 * (1 - 1e-7), 85.87654856 * (1 + 1e-7)):
+        setting = rest("quartic-spline", "fcc", F(ratio_of(kernel("quartic-spline"), 3, n)))
+        modes = setting.modes((F(1, 10**5), F(1, 10**5), F(0)), exact=False)
+        (shear,) = [m for m in modes if m.polarisation[0] * m.polarisation[1] < -0.4]
+        signs.append(shear.omega2 > 0)
+    assert signs == [False, True]

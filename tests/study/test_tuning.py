@@ -10,6 +10,7 @@ from random import Random
 import numpy as np
 import pytest
 
+from sphtrunc import measure, particles, sinusoid
 from sphtrunc.cli import main
 from sphtrunc.experiment.wavelengths import waves
 from sphtrunc.kernels.conventions import convert
@@ -18,8 +19,10 @@ from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.study.plateaus import explain, explanations, findings, read_table
+from sphtrunc.study.structure import disorder
 from sphtrunc.study.tuning import (
     Problem,
+    _minimum,
     best_at_cost,
     best_at_error,
     best_at_particles,
@@ -97,6 +100,55 @@ def test_the_wanted_error_is_reached_at_the_least_cost():
     assert 0.9 * 0.01 < found.error.total <= 0.01
     cheaper = best_at_cost(problem, "cubic-spline", 0.98 * found.cost)
     assert cheaper.error.total > 0.01
+
+
+@pytest.mark.parametrize(
+    ("alpha", "paths"),
+    [
+        (0, (("1/3", "2/3", "2/3"), ("3/7", "6/7", "4/7"), ("3/5", "6/5", "2/5"))),
+        (1, (("2/5", "4/5", "3/5"), ("1/2", "1", "1/2"), ("2/3", "4/3", "1/3"))),
+        (2, (("5/11", "10/11", "6/11"), ("5/9", "10/9", "4/9"), ("5/7", "10/7", "2/7"))),
+        (4, (("7/13", "14/13", "6/13"), ("7/11", "14/11", "4/11"), ("7/9", "14/9", "2/9"))),
+    ],
+)
+def test_paths_of_kinds_of_disorder(alpha, paths):
+    """p = (d + α)/(d + α + 6 − 2m) in 3D for the standard, difference and first-order consistent
+    gradients, m = 0, 1, 2; found by hand."""
+    forms = (("standard", "none"), ("difference", "none"), ("difference", "csph"))
+    for (form, correction), expected in zip(forms, paths, strict=True):
+        found = exponents(Operator("gradient", form, correction), 3, alpha)
+        assert (found.p, found.order, found.neighbours) == tuple(map(Fraction, expected))
+
+
+def test_the_ceiling_of_a_rough_kernel():
+    """q = min((d + α)/2, β + 1 + (d−1)/2): α = 4 in 1D with β = 1 has 2, not 5/2."""
+    assert exponents(Operator("gradient"), 1, 4, beta=1).p == Fraction(2, 2 + 3)
+    assert exponents(Operator("gradient"), 1, 4, beta=2).p == Fraction(5, 5 + 6)
+    with pytest.raises(ValueError, match="alpha: got -1"):
+        exponents(Operator("gradient"), 1, -1)
+
+
+def test_disorder_by_its_name_and_by_particles():
+    """The best number of neighbours in independent particles, predicted by the structure factor,
+    is that of an error measured around it; names that mean nothing are refused."""
+    factor, alpha = disorder("poisson", 1)
+    assert (alpha, float(factor(np.ones((1, 1)))[0])) == (0, 1.0)
+    assert disorder("jitter:0.1", 2)[1] == 2
+    with pytest.raises(ValueError, match="disorder: got 'gas', expected jitter"):
+        disorder("gas", 2)
+    problem = Problem(1, Operator("gradient", "difference"), disorder=factor)
+    best = best_at_particles(problem, "wendland-c2-1d", 40)
+    rng = np.random.default_rng(1)
+    count = 40000
+    scene = particles(rng.random(count) * count, h=1 / best.dx_over_h, volume=1.0, period=count)
+    seen = measure(
+        scene,
+        "wendland-c2-1d",
+        problem.operator,
+        sinusoid(best.h_over_lambda),
+        targets=4000,
+    ).error
+    assert seen["rms"] == pytest.approx(best.error.total, rel=0.06)
 
 
 @pytest.mark.parametrize(
@@ -377,3 +429,26 @@ def test_the_command(capsys, tmp_path):
     assert "got --particles-per-wavelength and --table" in error
     code, text, _ = run(capsys, *common, "--dim", "1", "--particles", "1e6")
     assert "No more neighbours than 200 are looked at" in text
+
+
+def test_the_deeper_of_two_valleys_is_found_between_the_points_of_the_grid():
+    """On the grid the valley at 2 seems deepest; the other one is, half-way between 7 and 8. A
+    third, shallower on the grid than both, is not looked at."""
+
+    def function(x):
+        return min((x - 2.0) ** 2 + 1.0, 3.0 * abs(x - 7.5), 0.5 + 9.0 * abs(x - 4.75))
+
+    grid = [float(x) for x in range(11)]
+    values = [function(x) for x in grid]
+    assert min(values) == function(2.0) == 1.0
+    assert function(7.0) == function(8.0) == 1.5
+    assert _minimum(function, grid) == 7.5
+    mirrored = _minimum(lambda x: function(10.0 - x), grid)
+    assert mirrored == 2.5
+
+
+def test_a_minimum_at_either_end_of_the_grid_is_found():
+    grid = [0.5 * n for n in range(9)]
+    assert _minimum(lambda x: x, grid) == 0.0
+    assert _minimum(lambda x: -x, grid) == 4.0
+    assert _minimum(lambda x: (x - 1.3) ** 2, grid) == pytest.approx(1.3, abs=0.5 / 2**5)

@@ -7,6 +7,7 @@ from math import factorial, log
 
 import pytest
 from hypothesis import assume, example, given, settings
+from oracle import fraction, horner, line_sum, shape_of
 from strategies import kernels, offsets, ratios
 from sympy import Rational, bernoulli, sqrt
 
@@ -14,76 +15,13 @@ from sphtrunc import Kernel, Operator, derive, kernel
 from sphtrunc.kernels.catalogue import names
 from sphtrunc.operators.operator import CORRECTIONS, FORMS
 
-# -- the oracle: a kernel as plain fractions, summed over the lattice ---------------------------
-
-
-def plain(k: Kernel) -> tuple[list[Fraction], list[list[Fraction]]]:
-    return [Fraction(str(x)) for x in k.knots], [
-        [Fraction(str(c)) for c in piece] for piece in k.coefficients()
-    ]
-
-
-def horner(piece: list[Fraction], x: Fraction) -> Fraction:
-    total = Fraction(0)
-    for c in reversed(piece):
-        total = total * x + c
-    return total
-
-
-def slope(piece: list[Fraction]) -> list[Fraction]:
-    return [n * c for n, c in enumerate(piece)][1:] or [Fraction(0)]
-
-
-def one_sided(knots, pieces, x: Fraction, side: int) -> Fraction:
-    """The limit at x >= 0 from the outside (+1) or the inside (-1); zero beyond the support."""
-    for a, b, piece in zip(knots, knots[1:], pieces, strict=False):
-        if (a < x < b) or (x == a and side > 0) or (x == b and side < 0):
-            return horner(piece, x)
-    return Fraction(0)
-
-
-def even_or_odd(knots, pieces, s: Fraction, parity: int) -> Fraction:
-    """The extension f(−s) = parity f(s), with the mean of both sides at a knot."""
-    if s == 0:
-        return horner(pieces[0], Fraction(0)) * (1 + parity) / 2
-    x = abs(s)
-    mean = (one_sided(knots, pieces, x, 1) + one_sided(knots, pieces, x, -1)) / 2
-    return mean if s > 0 else parity * mean
-
-
-def lattice_sum(k: Kernel, derivative: int, n: int, dx: Fraction, theta: Fraction) -> Fraction:
-    """Δs Σ_j f(s_j), f = s^n Ŵ or −s^n Ŵ′, with Ŵ = w/∫w."""
-    knots, pieces = plain(k)
-    mass = 2 * sum(
-        c * (b ** (i + 1) - a ** (i + 1)) / (i + 1)
-        for a, b, piece in zip(knots, knots[1:], pieces, strict=False)
-        for i, c in enumerate(piece)
-    )
-    parity = 1
-    if derivative:
-        pieces, parity = [[-c for c in slope(p)] for p in pieces], -1
-    first = int(-knots[-1] / dx - theta) - 2
-    last = int(knots[-1] / dx - theta) + 2
-    return (
-        sum(
-            dx * s**n * even_or_odd(knots, pieces, s, parity)
-            for s in ((j + theta) * dx for j in range(first, last + 1))
-        )
-        / mass
-    )
-
-
-def exact(value: object) -> Fraction:
-    return Fraction(str(value))
-
-
 HAT = Kernel([0, 1], [[1, -1]])
 TOP_HAT = Kernel([0, 2], [[1]])
 
 
 def has_neighbour(k: Kernel, ratio: Fraction, theta: Fraction) -> bool:
     near = (abs(j + theta) * ratio for j in (-int(theta // 1) - 1, -int(theta // 1), 1))
-    return any(0 < distance < exact(k.support) for distance in near)
+    return any(0 < distance < fraction(k.support) for distance in near)
 
 
 @pytest.mark.parametrize("operator", ["value", "gradient"])
@@ -95,9 +33,10 @@ def has_neighbour(k: Kernel, ratio: Fraction, theta: Fraction) -> bool:
 def test_euler_maclaurin_is_the_lattice_sum(operator, k, ratio, theta):
     """1,000 random kernels an operator, seven moments each: equal as fractions."""
     assume(has_neighbour(k, ratio, theta))
+    shape = shape_of(k)
     derived = derive(k, operator, degree=6, dx_over_h=ratio, offset=theta)
-    summed = [lattice_sum(k, int(operator == "gradient"), n, ratio, theta) for n in range(7)]
-    assert [exact(derived.discrete[n]) for n in range(7)] == summed
+    summed = [line_sum(shape, int(operator == "gradient"), n, ratio, theta) for n in range(7)]
+    assert [fraction(derived.discrete[n]) for n in range(7)] == summed
 
 
 def test_the_lattice_sum_notices_a_wrong_coefficient():
@@ -105,8 +44,8 @@ def test_the_lattice_sum_notices_a_wrong_coefficient():
     right = kernel("cubic-spline")
     wrong = Kernel([0, 1, 2], [[1, 0, Fraction(-3, 2) + Fraction(1, 1000), "3/4"], right.pieces[1]])
     derived = derive(right, dx_over_h="10/13")
-    summed = [lattice_sum(wrong, 1, n, Fraction(10, 13), Fraction(0)) for n in (1, 3, 5)]
-    assert all(exact(derived.discrete[n]) != s for n, s in zip((1, 3, 5), summed, strict=True))
+    summed = [line_sum(shape_of(wrong), 1, n, Fraction(10, 13)) for n in (1, 3, 5)]
+    assert all(fraction(derived.discrete[n]) != s for n, s in zip((1, 3, 5), summed, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +67,7 @@ def test_wendland_c2_with_knots_on_particles(n):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 1000])
-def test_cubic_spline_with_knots_on_particles_is_exact(n):
+def test_cubic_spline_with_knots_on_particles_is_fraction(n):
     assert derive("cubic-spline", dx_over_h=Fraction(1, n)).discrete[1] == 1
 
 
@@ -228,7 +167,7 @@ def cramer(matrix, column):
 
 def rkpm_moments(k: Kernel, m: int, dx: Fraction, theta: Fraction, degree: int):
     """(M_n of the value, M_n of the gradient) of the RKPM interpolant, by Dual arithmetic."""
-    knots, pieces = plain(k)
+    knots, pieces = shape_of(k)
     span = range(int(-knots[-1] / dx - theta) - 2, int(knots[-1] / dx - theta) + 3)
     points = [(j + theta) * dx for j in span]
     points = [s for s in points if abs(s) < knots[-1]]
@@ -237,10 +176,7 @@ def rkpm_moments(k: Kernel, m: int, dx: Fraction, theta: Fraction, degree: int):
     for s in moved:
         x = s if s.a >= 0 else -s
         piece = next(p for a, b, p in zip(knots, knots[1:], pieces, strict=False) if a <= x.a < b)
-        total = Dual(0)
-        for c in reversed(piece):
-            total = total * x + c
-        weights.append(total)
+        weights.append(horner(piece, x))
 
     def power(s, n):
         out = Dual(1)
@@ -276,7 +212,7 @@ def test_corrected_moments_are_those_of_the_corrected_interpolant(name, m, theta
     value, gradient = rkpm_moments(k, m, ratio, theta, 5)
     for operator, summed in (("value", value), ("gradient", gradient)):
         derived = derive(k, operator, correction=correction, dx_over_h=ratio, offset=theta)
-        assert [exact(derived.discrete[n]) for n in range(6)] == summed
+        assert [fraction(derived.discrete[n]) for n in range(6)] == summed
 
 
 OPERATORS = [

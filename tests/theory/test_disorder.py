@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import product
+from math import comb, factorial, sqrt
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
+from oracle import differentiated, horner, mass, shape_of
 from sympy import Rational, oo, pi
 
 from sphtrunc import compare, kernel
@@ -113,6 +115,76 @@ def test_spread_of_standard_difference_and_csph(
             abs(sample.mean() - theory.mean[alpha])
             < 4.5 * sample.std() / targets**0.5 + 0.02 * sample.std()
         )
+
+
+@pytest.mark.parametrize("operator", [Operator("value"), Operator("gradient")], ids=str)
+@pytest.mark.parametrize("offset", [Fraction(0), Fraction(1, 4)], ids=["particle", "beside"])
+def test_means_over_uniform_displacements_are_exact(operator: Operator, offset: Fraction) -> None:
+    """At a particle, which moves, and beside one: where none crosses the edge the mean is over one
+    polynomial, so that moments of the displacement give it in fractions, and the quadrature has
+    nodes enough for all of it."""
+    sigma, ratio = Fraction(1, 8), Fraction(4, 5)
+    shape = shape_of(kernel("polynomial:4"))
+    square = 3 * (sigma * ratio) ** 2  # a displacement lies between −a and a, and this is a²
+    one = [square**k / (2 * k + 1) for k in range(8)]  # ⟨η^{2k}⟩, and that of a difference of two
+    two = [sum(comb(2 * k, 2 * i) * one[i] * one[k - i] for i in range(k + 1)) for k in range(8)]
+    places = [(j + offset) * ratio for j in range(-4, 5)]
+    near = [s for s in places if abs(s) < 2]
+    largest = float(square) ** 0.5 * (1 if offset else 2)
+    assert (
+        max(map(abs, near)) + largest < 2 < min(abs(s) for s in places if s not in near) - largest
+    )
+    found = predict(
+        kernel("polynomial:4"), operator, "uniform", ratio, (offset,), sigma=float(sigma),
+        distribution="uniform", degree=2,
+    )  # fmt: skip
+    assert found.how.startswith("displacements of any size")
+    g = [-c for c in differentiated(shape.pieces[0])] if operator.derivatives else shape.pieces[0]
+    for power in range(3):
+        piece = [Fraction(0)] * power + list(g)
+        total = Fraction(0)
+        for s in near:
+            even = one if offset else two if s else [Fraction(1)]  # what is at the target stays
+            for k, m in enumerate(even):
+                total += m / factorial(2 * k) * horner(differentiated(piece, 2 * k), s)
+        # each of at most 7 particles at 21 nodes is rounded, and so are their sums
+        size = ratio * 7 * sum(abs(c) * 2**i for i, c in enumerate(piece))
+        assert abs(found.mean[power,] - float(ratio * total / mass(shape))) <= (
+            200 * 2.0**-53 * size / mass(shape)
+        )
+
+
+@pytest.mark.parametrize("operator", [Operator("value"), Operator("gradient")], ids=str)
+@pytest.mark.parametrize("offset", [0.0, 0.25], ids=["particle", "beside"])
+def test_means_over_gaussian_displacements_are_averages_of_the_kernel(
+    operator: Operator, offset: float
+) -> None:
+    """Particle by particle, by quadrature in real space; the particle at the target, which moves
+    with it, is not averaged."""
+    shape, ratio, sigma = kernel("polynomial:4"), 0.8, 0.15
+    spread = sigma * ratio * (1.0 if offset else sqrt(2.0))
+    found = predict(
+        shape, operator, "uniform", Fraction(4, 5), (Fraction(offset),), sigma=sigma, degree=2
+    )
+
+    def g(s: Any) -> Any:
+        return -shape.dw(np.abs(s)) * np.sign(s) if operator.derivatives else shape.w(np.abs(s))
+
+    t, w = np.polynomial.legendre.leggauss(120)
+    for power in range(3):
+        total = 0.0
+        for s in ((j + offset) * ratio for j in range(-5, 6)):
+            a, b = (-2.0, 2.0) if s else (0.0, 0.0)  # g is one polynomial between the edges
+            x = (a + b) / 2 + (b - a) / 2 * t
+            density = np.exp(-(((x - s) / spread) ** 2) / 2) / (sqrt(2 * np.pi) * spread)
+            total += float(((b - a) / 2 * w * density * g(x) * x**power).sum())
+            total += 0.0 if s or power else float(g(0.0))
+        # 60 wavelengths of the lattice are taken: the transform falls as 2 J/G^m at the edges, J
+        # the jump of the fifth derivative (twice for the powers of s), and the rest is rounding
+        m = 6 - operator.derivatives
+        jump = 2 * abs(float(shape.jumps(5)[2])) * 2**power
+        rest = 4 * jump * (ratio / (2 * np.pi)) ** m * 60 ** (1 - m) / (m - 1)
+        assert found.mean[power,] == pytest.approx(ratio * total, abs=rest + 1e-14)
 
 
 @pytest.mark.parametrize(("dim", "ratio"), [(1, "1/5"), (2, "1/4"), (3, "1/3")])

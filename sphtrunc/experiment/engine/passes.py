@@ -109,6 +109,7 @@ def one_pass(
     Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
     unknown engine, and where the box is smaller than twice the support.
     """
+    scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
     chosen, wanted = _targets(targets, scene.population)
@@ -284,7 +285,8 @@ def _columns(
     else:
         reach = np.full(1, h.max()) if scene.mode == "scatter" else 0.5 * (h + h.max())
     # positions carry their own rounding where they are far from the origin of the box
-    spread = max(float(np.abs(scene.x).max()), 0.0 if scene.period is None else scene.period.max())
+    closed = np.empty(0) if scene.period is None else scene.period[np.isfinite(scene.period)]
+    spread = max(float(np.abs(scene.x).max()), float(closed.max(initial=0.0)))
     reach = support * reach * _REACH + 4.0 * UNIT * spread
     volume = volumes(scene, kernel)
     extra = [per_h] if task.mode != "one" else []
@@ -305,6 +307,10 @@ def _with_images(x: Array, period: Array, reach: float) -> tuple[list[Array], An
     it, and which particle each one is."""
     high, low = [], []
     for row, box in zip(x, period, strict=True):
+        if np.isinf(box):  # an open axis
+            high.append(row)
+            low.append(np.zeros_like(row))
+            continue
         turns = np.floor(row / box)
         # row − turns·box without error: the product of a small integer and a float in two parts
         big = turns * box
@@ -312,13 +318,12 @@ def _with_images(x: Array, period: Array, reach: float) -> tuple[list[Array], An
         hi, lo = dd_add(two_sum(row, -big), (-rest, np.zeros_like(rest)))
         high.append(hi)
         low.append(lo)
-    dim, n = x.shape
     parts_high, parts_low = [np.stack(high)], [np.stack(low)]
-    source = [np.arange(n)]
-    for shift in product((-1, 0, 1), repeat=dim):
+    source = [np.arange(x.shape[1])]
+    for shift in product(*((0,) if np.isinf(side) else (-1, 0, 1) for side in period)):
         if not any(shift):
             continue
-        near = np.ones(n, dtype=np.bool_)
+        near = np.ones(x.shape[1], dtype=np.bool_)
         for i, k in enumerate(shift):
             if k:
                 near &= high[i] < reach if k > 0 else high[i] >= period[i] - reach
@@ -353,6 +358,7 @@ def pairs_with_terms(
     (δ, γ) the term (−1)^{|δ|} V_b/h^d s^γ ∂^δŴ; (P,) each, a block of targets after the other."""
     from sphtrunc.experiment.engine import tree as neighbours
 
+    scene = scene.in_plain_units()
     task = plan(
         kernel,
         scene.dim,

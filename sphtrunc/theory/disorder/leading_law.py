@@ -61,8 +61,8 @@ def leading_coefficient(
 @lru_cache(maxsize=512)
 def gradient_norm(kernel: Kernel, rows: tuple[Row, ...]) -> Expr:
     """∫ |∇g|² d^d s for g = Σ c s^β f(q), exactly: a rational times a power of π, and logarithms
-    only where a Laurent polynomial leaves a 1/q."""
-    from sympy import Rational, log, oo
+    only where a Laurent polynomial leaves a 1/q; oo where g jumps."""
+    from sympy import oo
 
     dim = len(rows[0][1])
     if _jumps(kernel, rows):
@@ -86,6 +86,29 @@ def gradient_norm(kernel: Kernel, rows: tuple[Row, ...]) -> Expr:
                 factor = first + rest * (size * j + other * i + i * j)
                 power = i + j + size + other - 2 + dim - 1
                 piece[power] = piece.get(power, Fraction(0)) + c * d * x * y * factor
+    return _integral(kernel, integrand, dim)
+
+
+@lru_cache(maxsize=512)
+def squared_norm(kernel: Kernel, rows: tuple[Row, ...]) -> Expr:
+    """∫ g² d^d s for g = Σ c s^β f(q), exactly: Var = (Δx/h)^d ∫ g² over independent particles."""
+    dim = len(rows[0][1])
+    integrand: list[Laurent] = [{} for _ in kernel.pieces]
+    for (c, beta, f), (d, gamma, g) in product(rows, rows):
+        total = tuple(a + b for a, b in zip(beta, gamma, strict=True))
+        mean = angular(total)
+        for piece, pf, pg in zip(integrand, laurent(kernel, f), laurent(kernel, g), strict=True):
+            for (i, x), (j, y) in product(pf.items(), pg.items()):
+                power = i + j + sum(total) + dim - 1
+                piece[power] = piece.get(power, Fraction(0)) + c * d * x * y * mean
+    return _integral(kernel, integrand, dim)
+
+
+def _integral(kernel: Kernel, integrand: Sequence[Laurent], dim: int) -> Expr:
+    """∫ of a Laurent polynomial for each piece (with q^{d−1} in it) over all space; oo where it
+    diverges at the origin."""
+    from sympy import Rational, log, oo
+
     value = Rational(0)
     knots = kernel.knots
     for a, b, piece in zip(knots, knots[1:], integrand, strict=False):

@@ -52,14 +52,15 @@ LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better 
 class Prediction:
     """Predicted moments of an estimate over the targets of a disordered scene.
 
-    jitter: σ/Δx; distribution: of the displacements; mean, std: multi-index -> float
+    jitter: σ/Δx; distribution: of the displacements; None where it is not a lattice that they are
+        of; mean, std: multi-index -> float
     how: the level of theory behind them, in a few words
     uncertainty: multi-index -> what the standard deviation is good to where displacements were
         sampled, as a part of it: three standard errors; empty where none were
     """
 
-    jitter: float
-    distribution: str
+    jitter: float | None
+    distribution: str | None
     mean: Mapping[MultiIndex, float]
     std: Mapping[MultiIndex, float]
     how: str

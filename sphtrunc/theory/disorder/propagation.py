@@ -35,17 +35,19 @@ def propagate(
     degree: int,
     axis: int = 0,
     moved: Array | None = None,
+    first: int | None = None,
 ) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
     """∂M_α/∂u_b, (N, d), for displacements u in Δx, and the integer points b, (d, N).
 
     The target's own displacement moves every offset s_b = (x_b − x_a)/h; a fixed target (an offset)
-    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken.
+    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken; first: see
+    `Stencil`.
     """
     import numpy as np
 
     if operator.form == NESTED:
         return moment_slopes(kernel, operator, kind, dx_over_h, offset, volume, degree, axis, moved)
-    stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved)
+    stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved, first)
     symmetric = operator.form == SYMMETRIC
     keys = operator.needed(stencil.dim, degree)
     sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}

@@ -76,8 +76,10 @@ class Stencil:
         offset: Sequence[Fraction],
         volume: str,
         moved: Array | None = None,
+        first: int | None = None,
     ) -> None:
-        """moved: displacements, (N, d) in Δx, at which everything is evaluated."""
+        """moved: displacements, (N, d) in Δx, at which everything is evaluated; first: the first
+        plane of particles along the first axis, if a wall cuts off the others."""
         import numpy as np
 
         from sphtrunc.scenes.sites import sites, units
@@ -85,6 +87,8 @@ class Stencil:
         self.kernel, self.dim, self.ratio = kernel, len(offset), float(dx_over_h)
         reach = (2.0 if volume == "summation" else 1.0) * float(kernel.support) / self.ratio
         self.index = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
+        if first is not None:
+            self.index = self.index[:, self.index[0] >= first]
         unit_length = np.array([float(u) for u in units(kind)])
         s = self.ratio * (self.index.T * unit_length + np.array([float(o) for o in offset]))
         self.target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1

@@ -1,0 +1,134 @@
+"""sphtrunc structure: the structure factor of particles."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from sphtrunc.cli import options
+from sphtrunc.output import emit
+from sphtrunc.version import __version__
+
+
+@click.command(name="structure")
+@click.argument("particles", metavar="FILE")
+@click.option(
+    "--period", metavar="L", help="Box in place of the file's: L or Lx,Ly,Lz; none: no period."
+)
+@click.option("--columns", metavar="Q=NAME,…", help="What columns hold, as for measure.")
+@click.option("--type", "kind", metavar="TYPE", help="Which particles of a file.")
+@click.option(
+    "--reach", type=float, metavar="K", help="Up to kΔx = K.  [default: 40, 16, 10 in 1D, 2D, 3D]"
+)
+@click.option("--bins", type=click.IntRange(4, 1000), default=40, show_default=True, help="Shells.")
+@options.formats("text", "json", "csv")
+@options.output
+def command(particles: str, **given: Any) -> None:
+    """S(k) of particles in a file, shell by shell, with its exponent and plateau at long waves.
+
+    FILE is a snapshot or a table, or a recipe such as relaxed:glass,N=4096 (see relax).
+
+    \b
+    sphtrunc structure glass.npz --period 1
+    sphtrunc structure glass.npz --period 1,1,2 --format json -o structure.json
+    """
+    from sphtrunc.study.structure import structure_factor
+
+    home = scene(particles, given["period"], given["columns"], given["kind"])
+    factor = structure_factor(home, reach=given["reach"])
+    k, S, error = factor.radial(given["bins"])
+    render = {"text": _text, "json": _json, "csv": _csv}[given["format_"]]
+    emit(render(factor, k, S, error), given["output"])
+
+
+def scene(
+    source: str, period: str | None, columns: str | None = None, kind: str | None = None
+) -> Any:
+    """The particles of a file or of a recipe, of which only the places count."""
+    from sphtrunc.scenes.relaxed import PREFIX
+
+    if source.startswith(PREFIX):
+        from sphtrunc.experiment.relaxation import glass
+        from sphtrunc.scenes.relaxed import recipe
+
+        for name, value in (("period", period), ("columns", columns), ("type", kind)):
+            if value is not None:
+                raise ValueError(f"{name}: belongs to a file; a relaxed scene has its own box")
+        return glass(recipe(source)).particles
+    from sphtrunc.scenes.snapshots.columns import chosen
+    from sphtrunc.scenes.snapshots.formats import read
+
+    found = read(
+        source,
+        type=kind,
+        columns=None if columns is None else chosen(columns),
+        period=options.period(period),
+    )
+    for note in found.notes:
+        click.echo(f"note: {note}", err=True)
+    return found.particles(h=1.0)
+
+
+def _json(factor: Any, k: Any, S: Any, error: Any) -> str:
+    fit = factor.fit()
+    document = {
+        "schema": "sphtrunc.structure/1",
+        "by": factor.by,
+        "dim": factor.dim,
+        "particles": factor.particles,
+        "modes": int(factor.k.shape[1]),
+        "k_dx": k.tolist(),
+        "S": S.tolist(),
+        "error": error.tolist(),
+        "exponent": fit.exponent,
+        "exponent_error": fit.exponent_error,
+        "plateau": fit.plateau,
+        "plateau_error": fit.plateau_error,
+        "fitted_up_to_k_dx": fit.upto,
+        "fitted_modes": fit.modes,
+        "directions": [{"ratio": value, "error": spread} for value, spread in factor.directions()],
+        "anisotropic": factor.anisotropic,
+        "blur": None if factor.blur is None else factor.blur.tolist(),
+        "version": __version__,
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _csv(factor: Any, k: Any, S: Any, error: Any) -> str:
+    rows = (f"{a!r},{b!r},{c!r}" for a, b, c in zip(*map(_floats, (k, S, error)), strict=True))
+    return "\n".join(["k_dx,S,error", *rows])
+
+
+def _floats(values: Any) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _text(factor: Any, k: Any, S: Any, error: Any) -> str:
+    fit = factor.fit()
+    lines = [
+        f"S(k) of {factor.particles} particles in {factor.dim}D, {factor.by}:"
+        f" {factor.k.shape[1]} modes up to kΔx = {factor.reach:g}",
+    ]
+    if factor.blur is not None:
+        blur = ", ".join(f"{v:.2g}" for v in factor.blur)
+        lines.append(
+            f"  a free set: smeared over kΔx = {blur}; edges and gradients of density show as a"
+            " rise to small k"
+        )
+    over = f"over {fit.modes} modes up to kΔx = {fit.upto:.3g}"
+    if fit.exponent is None:
+        lines.append(f"Long waves, {over}: S = {fit.plateau:.3g}, no exponent")
+    else:
+        lines.append(
+            f"Long waves, {over}: S ∝ k^{fit.exponent:.2f} (± {fit.exponent_error:.2f}), mean"
+            f" {fit.plateau:.4g} (± {fit.plateau_error:.1g})"
+        )
+    if factor.anisotropic:
+        shown = ", ".join(f"{value:.3f} ± {spread:.3f}" for value, spread in factor.directions())
+        lines.append(f"Not the same in all directions: along the axes {shown} of the mean")
+    lines.append("        kΔx             S         error")
+    rows = zip(k, S, error, strict=True)
+    lines += [f"{a:>11.4f}  {b:>12.5e}  {c:>12.2e}" for a, b, c in rows]
+    return "\n".join(lines)

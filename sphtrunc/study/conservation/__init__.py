@@ -1,0 +1,1 @@
+"""Conservation: what momentum equations and density rates keep, beside the error that they make."""

@@ -1,0 +1,155 @@
+"""Predicted moments of lattices whose smoothing length has a gradient, displaced or not.
+
+With h carried along, h_b = h_a (1 + g·s_b) wherever particle b was displaced to, a base sum is
+Σ_b V g(s_b − s_a) as with one h, with another g. So to second order in the displacements its mean
+is Σ V (g + σ²∇²g), and to first order its derivatives with respect to the particles are V∇g, and
+−V Σ∇g for the target; what a correction makes of the sums has these times its own derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.factors import factor_values
+from sphtrunc.kernels.kernel import Kernel
+from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
+from sphtrunc.operators.moments import unit
+from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.operators.terms import Key, monomial, parts
+from sphtrunc.scenes.sites import sites, units
+from sphtrunc.theory.disorder.prediction import Prediction
+from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of
+
+if TYPE_CHECKING:
+    from sphtrunc.arithmetic.summation import Array
+
+_NEAR, _FAR = 1e-5, 1e-3  # steps of first and second differences
+
+
+def predict_varying(
+    kernel: Kernel,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    gradient: Sequence[Fraction],
+    rule: str,
+    *,
+    sigma: float = 0.0,
+    distribution: str = "gaussian",
+    degree: int = 3,
+) -> Prediction:
+    """Mean and standard deviation of the moments of the first component, seen from a particle.
+
+    sigma: of the displacements along each axis, in Δx; blue ones are not independent
+    Raises ValueError for those, nested forms, and |g|κ >= 1.
+    """
+    require_rule(rule)
+    require_support(fraction(kernel.support), gradient, rule)
+    if operator.form == NESTED:
+        raise ValueError("form: nested sums see every particle's own h; expected another form")
+    dim = len(gradient)
+    keys = operator.needed(dim, degree)
+    if not sigma:
+        offset = [Fraction(0)] * dim
+        sums = lattice_sums_of(kernel, keys, kind, dx_over_h, offset, gradient, rule)
+        found = operator.correct(sums, dim, degree)
+        mean = {alpha: float(m) for alpha, m in found.items()}
+        return Prediction(0.0, distribution, mean, dict.fromkeys(mean, 0.0), "lattice sum")
+    if distribution == "blue":
+        raise ValueError(
+            "distribution: blue displacements depend on one another; expected gaussian"
+        )
+    return _displaced(
+        kernel, operator, kind, dx_over_h, gradient, rule, sigma, degree, distribution
+    )
+
+
+def _displaced(
+    kernel: Kernel,
+    operator: Operator,
+    kind: str,
+    dx_over_h: Fraction,
+    gradient: Sequence[Fraction],
+    rule: str,
+    sigma: float,
+    degree: int,
+    distribution: str,
+) -> Prediction:
+    import numpy as np
+
+    dim, dx = len(gradient), float(dx_over_h)
+    slopes = np.array([float(slope_share(rule) * g) for g in gradient])
+    steep = float(np.sqrt(slopes @ slopes)) * float(kernel.support)
+    radius = float(kernel.support) / (1.0 - steep) / dx + 6.0 * sigma + 1.0
+    points = sites(kind, radius, (Fraction(0),) * dim)
+    s = points.T * np.array([float(u) for u in units(kind)]) * dx
+    s = s[np.any(points != 0, axis=0)]
+    step, volume = sigma * dx, dx**dim
+    keys = operator.needed(dim, degree)
+    base: dict[Key, float] = {}
+    moved: dict[Key, Array] = {}
+    for key in keys:
+
+        def g(at: Array, key: Key = key) -> Array:
+            plain = term_values(kernel, key, at, slopes)
+            if rule != "mean-kernel":
+                return plain
+            return np.asarray(0.5 * (plain + term_values(kernel, key, at, 0.0 * slopes)))
+
+        here, slope, curved = g(s), np.empty_like(s), np.zeros(len(s))
+        for axis in range(dim):
+            e = np.eye(dim)[axis]
+            slope[:, axis] = (g(s + _NEAR * e) - g(s - _NEAR * e)) / (2.0 * _NEAR)
+            curved += (g(s + _FAR * e) - 2.0 * here + g(s - _FAR * e)) / _FAR**2
+        own = float(g(np.zeros((1, dim)))[0])
+        base[key] = volume * (own + float(np.sum(here + step**2 * curved)))
+        moved[key] = volume * np.concatenate([slope, -slope.sum(axis=0)[None]])
+    mean = operator.correct(base, dim, degree)
+    sensitivity = _derivatives(lambda sums: operator.correct(sums, dim, degree), base)
+    std = {}
+    for alpha in mean:
+        total: Any = sum(rows[alpha] * moved[key] for key, rows in sensitivity.items())
+        std[alpha] = float(step * np.sqrt(np.sum(np.square(total))))
+    for alpha in std:  # what the operator is made to be exact for, on any arrangement
+        if sum(alpha) <= operator.consistency:
+            std[alpha] = 0.0
+    return Prediction(
+        sigma,
+        distribution,
+        {alpha: float(m) for alpha, m in mean.items()},
+        std,
+        "expansion in the displacements, h carried along",
+    )
+
+
+def term_values(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
+    """H^{−d−k} s^α (−1)^k ∂^δŴ(s/H), (N,), 0 where H <= 0."""
+    import numpy as np
+
+    term, alpha = key
+    dim = s.shape[1]
+    stretch = 1.0 + s @ slopes
+    inside = stretch > 0.0
+    stretch = np.where(inside, stretch, 1.0)
+    t = s / stretch[:, None]
+    q = np.sqrt((t * t).sum(axis=1))
+    total: Array = np.zeros(len(s))
+    for c, beta, k in parts((term, unit(dim, 0, 0))):
+        total += c * monomial(t, beta) * factor_values(kernel, k, q, dim)
+    scaled = total * monomial(s, alpha) * stretch ** -float(dim + derivatives_of(term))
+    return np.where(inside, scaled, 0.0)
+
+
+def _derivatives(
+    correct: Callable[[dict[Key, float]], dict[Any, Any]], base: dict[Key, float]
+) -> dict[Key, dict[Any, float]]:
+    """∂M_α/∂m[key] by central differences of the algebra of the correction."""
+    found = {}
+    for key, value in base.items():
+        step = 1e-6 * max(1.0, abs(value))
+        ahead, back = (correct({**base, key: value + sign * step}) for sign in (1.0, -1.0))
+        found[key] = {alpha: float(ahead[alpha] - back[alpha]) / (2.0 * step) for alpha in ahead}
+    return found
