@@ -192,7 +192,7 @@ class Around:
         margin = CLOSER * sigma
         levels = 1 + nested + (volume == "summation")
         reach = levels * (support / self.ratio + margin)
-        reach += 1.0 + 2.0 * margin if volume == "cell" else 0.0
+        reach += 1.5 + 2.0 * margin if volume == "cell" else 0.0
         self.index = sites(kind, reach, tuple(offset))
         length = np.array([float(x) for x in units(kind)])
         self.points = self.ratio * (self.index.T * length + np.array([float(x) for x in offset]))
