@@ -38,8 +38,7 @@ def conservation(kernel: str | None, quick: bool) -> Picture:
     shape = _polynomial(kernel, "wendland-c2")
     lengths = [0.1, 0.01] if quick else [0.1, 0.05, 0.02, 0.01, 0.005, 0.002]
     tables = [
-        conserve(shape, 2, forms=SHOWN, jitter=SIGMA, h_over_lambda=x, radius=24.0)
-        for x in lengths
+        conserve(shape, 2, forms=SHOWN, jitter=SIGMA, h_over_lambda=x, radius=24.0) for x in lengths
     ]
     plane: list[Curve] = []
     against: list[Curve] = []
