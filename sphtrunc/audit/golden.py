@@ -32,9 +32,15 @@ def golden(
     points: evenly spaced over [0, κ], both ends included, exact rationals. At a knot where a
     derivative jumps the value is that from the left (at q = 0, from the right).
 
-    Raises ValueError for fewer than 2 or more than 100,000 points, or digits other than 17 or 30.
+    Raises ValueError for fewer than 2 or more than 100,000 points, for digits other than 17 or 30,
+    and for a kernel that is not a polynomial.
     """
     shape, dim = parse_kernel(kernel), dimension(dim)
+    if not shape.is_polynomial:
+        raise ValueError(
+            f"kernel: {shape.name} is not piecewise polynomial, so that its values are not exact;"
+            " expected another kernel"
+        )
     if not 2 <= points <= 100_000:
         raise ValueError(f"points: got {points}, expected 2 to 100000")
     if digits not in DIGITS:

@@ -39,7 +39,8 @@ def pairing_limit(kernel: Kernel, dim: int) -> float | None:
     """The number of neighbours from which particles on the densest lattice pair, in the symmetric
     form; None where they do not up to a thousand.
 
-    In 2D, where the mode that fails first is not at a point of symmetry, to 1 %.
+    From a coarse grid of waves: to 5 % in 2D, where the mode that fails first is not at a point of
+    symmetry; narrow windows of weak instability may be passed over.
     """
     if sign_change(kernel, dim) is None:
         return None

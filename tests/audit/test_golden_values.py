@@ -119,3 +119,8 @@ def test_the_verification_page_runs_without_the_packages_and_carries_no_outputs(
     )
     assert ran.returncode == 0, ran.stderr
     assert "published and" in ran.stdout
+
+
+def test_a_gaussian_has_no_exact_rows():
+    with pytest.raises(ValueError, match="kernel: gaussian:3 is not piecewise polynomial"):
+        golden("gaussian:3")
