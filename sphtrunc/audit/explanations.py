@@ -161,7 +161,7 @@ def expected_constant(match: Match, dim: int) -> str:
     support = exact_or_float(match.support)
     if isinstance(support, Expr):
         # on a support of 1h a shape of one piece is written with w(0) = 1
-        top = shape.pieces[0].eval(0) if support == 1 and len(shape.pieces) == 1 else 1
+        top = shape.central() if support == 1 and len(shape.pieces) == 1 else 1
         return f"{right * (shape.support / support) ** dim * (top or 1)}"
     return f"{right * shape.support**dim}/{match.support:.9g}^{dim}"
 

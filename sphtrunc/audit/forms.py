@@ -50,7 +50,7 @@ def forms(kernel: Kernel, length: str) -> tuple[Form, ...]:
     Forms that depend on the length, (2 − q)³ or (1 − u)³, are given for "h" and "support" only;
     the unit integral in 1D is left to the caller, who knows ℓ: s = 1/(σ_1 ℓ/h).
     """
-    top = kernel.pieces[0].eval(0)
+    top = kernel.central()
     found = [Form(CATALOGUE, Rational(1), 0.0 if top == 1 or length == "h" else 1.0)]
     if top not in (0, 1):
         found.append(Form(ORIGIN, top, 0.5))

@@ -46,7 +46,9 @@ def propagate(
     import numpy as np
 
     if operator.form == NESTED:
-        return moment_slopes(kernel, operator, kind, dx_over_h, offset, volume, degree, axis, moved)
+        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume, moved)
+        alphas = multi_indices(seen.dim, degree)
+        return {a: seen.slopes(Taylor([{a: 1.0}]))[0, axis, 0] for a in alphas}, seen.index
     stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved, first)
     symmetric = operator.form == SYMMETRIC
     keys = operator.needed(stencil.dim, degree)
@@ -59,21 +61,3 @@ def propagate(
     none = np.zeros_like(stencil.s)
     slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
     return slopes, stencil.index
-
-
-def moment_slopes(
-    kernel: Kernel | Gaussian,
-    operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
-    volume: str,
-    degree: int,
-    axis: int = 0,
-    moved: Array | None = None,
-) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
-    """∂M_α/∂u_b of a nested second derivative, as from `propagate`."""
-    seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume, moved)
-    alphas = multi_indices(seen.dim, degree)
-    slopes = {alpha: seen.slopes(Taylor([{alpha: 1.0}]))[0, axis, 0] for alpha in alphas}
-    return slopes, seen.index

@@ -430,7 +430,7 @@ def _one(
         half = phases.cosine(kappa[0] / 2)
         versines = [1 - half * (1 - v) for v in versines]
     if isinstance(kernel, Kernel):
-        home = phases.number(fraction(kernel.pieces[0].eval(0)))
+        home = phases.number(fraction(kernel.central()))
     else:
         home = kernel.radial_mp(ctx, VALUE, ctx.zero, dim)
     if volume == "summation":
