@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from sphtrunc.cli import options
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.output import emit
 
 
@@ -40,7 +41,7 @@ from sphtrunc.output import emit
 @click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
 @click.option(
     "--h-rule",
-    type=click.Choice(("gather", "scatter", "mean")),
+    type=click.Choice(RULES),
     help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
 )
 @options.wall_number
