@@ -131,6 +131,8 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
         short = [x <= LONGEST for x in reach]
         if row[0].operator.form == SYMMETRIC and block.volume.shape != (1, 1):
             short = [False] * len(row)
+        if block.ghosts is not None:  # they carry other values than those at their places
+            short = [False] * len(row)
         series: list[Block] = []
         if any(short):
             kept = [t for t, s in zip(row, short, strict=True) if s]
