@@ -44,7 +44,7 @@ from sphtrunc.output import emit
     type=click.Choice(RULES),
     help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
 )
-@options.wall_number
+@options.wall
 @options.wall_at
 @options.wall_weight
 @options.ghosts
@@ -176,6 +176,8 @@ def _scene(given: dict[str, Any]) -> Any:
         extent=given["extent"],
     )
     if given["wall"] is not None:
+        if given["wall"] == "eta":
+            raise ValueError("wall: particles are somewhere; expected --wall with a distance in h")
         from sphtrunc.scenes.lattice import beside_wall
 
         made = beside_wall(
