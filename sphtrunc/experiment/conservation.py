@@ -179,7 +179,7 @@ def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Resid
     size = _total(np.abs(velocity) * force.size) + _total(np.abs(weight) * rate.size)
     bound = _total(np.abs(velocity) * force.bound) + _total(np.abs(weight) * rate.bound)
     bound += 8.0 * UNIT * size
-    return _relative(abs(_total(np.stack([work, heat]))), bound, size)
+    return _relative(abs(_total(np.concatenate([work, heat]))), bound, size)
 
 
 def _relative(value: float, bound: float, size: float) -> Residual:

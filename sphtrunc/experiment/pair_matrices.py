@@ -14,15 +14,14 @@ Sums run on the pair engine, with a bound of all rounding if asked for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sphtrunc.arithmetic.summation import UNIT, Array
-from sphtrunc.experiment.engine import one_pass, pairs_with_terms
+from sphtrunc.experiment.engine import grouped, pairs_with_terms, sizes
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.particles import particles
@@ -33,9 +32,8 @@ if TYPE_CHECKING:
 
 #: side of a pair whose h the kernel takes: mode of the engine
 SIDES = {"a": "gather", "b": "scatter", "mean": "mean"}
-_SUMS = 96  # of one pass; more are taken in passes of one key each
-#: factors are made in at most eight roundings; the engine allows at least u/2 for each product
-_FACTORS = 1.0 + 2.0 * 8.0
+_SUMS = 96  # of one pass
+_FACTORS = 24  # roundings that factors l and r, fields times them, and scales are made in, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +88,8 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Action:
-    """What parts do to a field: (d, n) by axis, the bound of its rounding, and the sum of the sizes
-    of the parts."""
+    """What parts do to a field: (d, n), or (1, n) where a vector becomes a scalar; the bound of
+    its rounding; and the sum of the sizes of what is added up."""
 
     value: Array
     bound: Array | None
@@ -107,99 +105,186 @@ def act(
 ) -> list[Action]:
     """Parts applied to fields, all in as few passes over the pairs as there are sides.
 
+    What has a factor l in common is one sum over the neighbours, whatever it consists of, and what
+    several requests have in common is summed once. Bounds come from a pass of their own, of sizes
+    alone (see `engine.sizes`).
+
     requests: (parts, field), the field (n,), or (d, n) where each part takes the component of its
         axis; targets: indices (T,) of the rows that are wanted, None for all
     Raises ValueError as the engine does.
     """
     at: Any = slice(None) if targets is None else np.asarray(targets)
-    sources: dict[tuple[str, bytes, bytes], int] = {}  # (side, r, A or nothing) -> row
-    rows: dict[str, list[Array]] = {}
-    keys: dict[str, dict[int, dict[Key, None]]] = {}
-    placed: list[list[int]] = []
-    named = _Names()
-    for parts, field in requests:
-        columns = [field[i] for i in range(cloud.dim)] if field.ndim == 2 else [field] * cloud.dim
-        places = []
-        for part in parts:
-            acted = columns[part.axis]
-            name = (part.side, named(part.right), b"" if part.own else named(acted))
-            if name not in sources:
-                there = rows.setdefault(part.side, [])
-                sources[name] = len(there)
-                there.append(part.right if part.own else part.right * acted)
-            keys.setdefault(part.side, {}).setdefault(sources[name], {})[part.key] = None
-            places.append(sources[name])
-        placed.append(places)
-    sums: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
-    for side, fields in rows.items():
-        sums |= _passes(cloud, side, fields, keys[side], bound, targets)
+    work = _Work()
+    placed = [[*_sums_of(work, parts, field, i)] for i, (parts, field) in enumerate(requests)]
+    found = {side: work.summed(cloud, side, bound, targets) for side in work.groups}
     result = []
-    for (parts, field), places in zip(requests, placed, strict=True):
-        value, error, size = np.zeros((3, cloud.dim, cloud.h[at].size))
-        for part, place in zip(parts, places, strict=True):
-            total, radius = sums[part.side, part.key, place]
-            left = part.left[at]
-            if part.own:
-                left = left * (field if field.ndim == 1 else field[part.axis])[at]
-            term = left * total
-            value[part.axis] += term
-            size[part.axis] += np.abs(term)
-            if bound:
-                error[part.axis] += np.abs(left) * radius * _FACTORS
+    for (_, field), rows in zip(requests, placed, strict=True):
+        scalar = field.ndim == 2
+        value, error, size = np.zeros((3, 1 if scalar else cloud.dim, cloud.h[at].size))
+        for own, axis, left, place in rows:
+            total, radius = found[place.side][place.number]
+            factor = left[at]
+            if own:
+                factor = factor * (field[axis] if scalar else field)[at]
+            term, row = factor * total, 0 if scalar else axis
+            value[row] += term
+            size[row] += np.abs(term)
+            if radius is not None:
+                error[row] += np.abs(factor) * radius
         if bound:  # products and sums at the target
-            error += (len(parts) + 12.0) * UNIT * size
+            error += (len(rows) + 12.0) * UNIT * size
         result.append(Action(value, error if bound else None, size))
     return result
 
 
-class _Names:
-    """Arrays by what they hold: forms make equal factors anew, which are to be summed once."""
+class _Place(NamedTuple):
+    """Where a sum is: number of a group on a side."""
+
+    side: str
+    number: int
+
+
+def _sums_of(
+    work: _Work, parts: Sequence[Part], field: Array, request: int
+) -> Iterator[tuple[bool, int, Array, _Place]]:
+    """(own, axis, left, where the sum is) of what a request consists of: parts of one factor l."""
+    groups: dict[tuple[Any, ...], list[Part]] = {}
+    for part in parts:
+        # the axes of a vector that is acted on are added up, but for those of the particle's own
+        axis = part.axis if field.ndim == 1 or part.own else -1
+        delta, gamma = part.key
+        order = sum(delta), sum(gamma)
+        name = part.side, part.own, axis, order, work.names(part.left)
+        groups.setdefault(name, []).append(part)
+    for (side, own, axis, _, _), some in groups.items():
+        columns: dict[Key, list[Array]] = {}
+        for part in some:
+            column = part.right
+            if not own:
+                column = work.product(part.right, field if field.ndim == 1 else field[part.axis])
+            columns.setdefault(part.key, []).append(column)
+        place = _Place(side, work.group(side, columns, (request, own)))
+        yield own, max(axis, 0), some[0].left, place
+
+
+class _Work:
+    """What is to be summed on each side: columns of numbers, and groups of (key, column).
+
+    groups: side -> (key, number of a column) of every sum, and the requests that it is part of
+    """
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Array, bytes]] = {}  # the array is kept, so its id stays its
+        self.names = _Names()
+        self.groups: dict[str, dict[frozenset[tuple[Key, int]], set[Any]]] = {}
+        self.columns: dict[int, tuple[Array, list[Array]]] = {}  # name -> column, what it adds up
+        self._products: dict[tuple[int, int], Array] = {}
 
-    def __call__(self, array: Array) -> bytes:
+    def product(self, right: Array, field: Array) -> Array:
+        """r·A, once for the same two."""
+        name = self.names(right), self.names(field)
+        if name not in self._products:
+            self._products[name] = right * field
+        return self._products[name]
+
+    def group(self, side: str, columns: Mapping[Key, list[Array]], use: Any) -> int:
+        """The number of the sum of these columns, each with its key."""
+        found = set()
+        for key, some in columns.items():
+            column = some[0] if len(some) == 1 else np.sum(some, axis=0)
+            name = self.names(column)
+            self.columns.setdefault(name, (column, some))
+            found.add((key, name))
+        groups = self.groups.setdefault(side, {})
+        groups.setdefault(frozenset(found), set()).add(use)
+        return list(groups).index(frozenset(found))
+
+    def summed(self, cloud: Cloud, side: str, bound: bool, targets: Any) -> list[tuple[Any, Any]]:
+        """Every sum of a side, (T,), in units of length, and the bound of its rounding."""
+        scene, groups = cloud.scene(side), self.groups[side]
+        options = {"targets": targets, "workers": cloud.workers}
+        h = cloud.h if targets is None else cloud.h[targets]
+        ordered = [sorted(group) for group in groups]
+        values: list[Array] = []
+        neighbours = 0
+        for first in range(0, len(ordered), _SUMS):
+            some = ordered[first : first + _SUMS]
+            names = list(dict.fromkeys(name for group in some for _, name in group))
+            rows = [[(key, names.index(name)) for key, name in group] for group in some]
+            fields = np.stack([self.columns[name][0] for name in names])
+            done, most = grouped(scene, cloud.kernel, fields, rows, **options)
+            values += list(done)
+            neighbours = max(neighbours, most)
+        scales = [_length_power(h, group[0][0]) for group in ordered]
+        values = [value * scale for value, scale in zip(values, scales, strict=True)]
+        if not all(np.all(np.isfinite(value)) for value in values):
+            raise ValueError("fields: the sums overflow; expected smaller values")
+        if not bound:
+            return [(value, None) for value in values]
+        radii = self._radii(cloud, side, ordered, neighbours, options)
+        return list(zip(values, [r * s for r, s in zip(radii, scales, strict=True)], strict=True))
+
+    def _radii(
+        self,
+        cloud: Cloud,
+        side: str,
+        ordered: list[list[tuple[Key, int]]],
+        neighbours: int,
+        options: dict[str, Any],
+    ) -> list[Array]:
+        """Bounds of the sums, (T,), in units of h: those of the same requests have one in common.
+
+        Roundings: each of the neighbours and of the group adds one, and factors and scales are made
+        in at most _FACTORS.
+        """
+        classes: dict[Any, list[int]] = {}
+        for number, uses in enumerate(self.groups[side].values()):
+            delta, gamma = ordered[number][0][0]
+            classes.setdefault((sum(delta), sum(gamma), frozenset(uses)), []).append(number)
+        result: list[Any] = [None] * len(ordered)
+        longest = max(len(group) for group in ordered)
+        room = 1 << (neighbours + longest + _FACTORS - 1).bit_length()
+        for order in dict.fromkeys(name[:2] for name in classes):
+            mine = [numbers for name, numbers in classes.items() if name[:2] == order]
+            keys = dict.fromkeys(key for n in mine for i in n for key, _ in ordered[i])
+            fields = np.stack(
+                [
+                    np.maximum.reduce([self._magnitude(ordered[i]) for i in numbers])
+                    for numbers in mine
+                ]
+            )
+            bounds = sizes(cloud.scene(side), cloud.kernel, fields, keys, room, **options)
+            for numbers, one in zip(mine, bounds, strict=True):
+                for i in numbers:
+                    result[i] = one
+        return result
+
+    def _magnitude(self, group: list[tuple[Key, int]]) -> Array:
+        """Σ |columns|, and what they add up, of a group."""
+        total: Any = 0.0
+        for _, name in group:
+            for column in self.columns[name][1]:
+                total = total + np.abs(column)
+        return np.asarray(total)
+
+
+class _Names:
+    """Numbers of arrays, equal for arrays that hold the same: forms make equal factors anew, which
+    are to be summed once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Array, int]] = {}  # the array is kept, so its id stays its
+        self._alike: dict[bytes, list[tuple[Array, int]]] = {}  # by a sample of their numbers
+
+    def __call__(self, array: Array) -> int:
         if id(array) not in self._known:
-            data = np.ascontiguousarray(array).tobytes()
-            self._known[id(array)] = array, blake2b(data, digest_size=16).digest()
+            sample = np.ascontiguousarray(array[:: max(1, array.size // 64)]).tobytes()
+            others = self._alike.setdefault(sample, [])
+            name = next((n for other, n in others if np.array_equal(other, array)), None)
+            if name is None:
+                name = len(self._known)
+                others.append((array, name))
+            self._known[id(array)] = array, name
         return self._known[id(array)][1]
-
-
-def _passes(
-    cloud: Cloud,
-    side: str,
-    fields: list[Array],
-    keys: dict[int, dict[Key, None]],
-    bound: bool,
-    targets: Any,
-) -> dict[tuple[str, Key, int], tuple[Array, Any]]:
-    """The sums that are asked for on one side, in units of length, and their bounds."""
-    scene = cloud.scene(side)
-    every = list(dict.fromkeys(key for wanted in keys.values() for key in wanted))
-    groups: list[tuple[list[int], list[Key]]] = [(sorted(keys), every)]
-    if len(every) * len(fields) > _SUMS:
-        groups = [([f for f in sorted(keys) if key in keys[f]], [key]) for key in every]
-    found: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
-    for chosen, some in groups:
-        done = one_pass(
-            scene,
-            cloud.kernel,
-            (),
-            fields=np.stack([fields[f] for f in chosen]),
-            field_keys=some,
-            bound=bound,
-            targets=targets,
-            workers=cloud.workers,
-        ).sums()
-        for key in some:
-            scale = _length_power(cloud.h[done.targets], key)
-            for row, f in enumerate(chosen):
-                radius = None
-                if bound:
-                    assert done.fields_bound is not None
-                    radius = done.fields_bound[key][row] * scale
-                found[side, key, f] = done.fields[key][row] * scale, radius
-    return found
 
 
 def _length_power(h: Array, key: Key) -> Array:

@@ -8,9 +8,11 @@ from sphtrunc.experiment.engine.passes import (
     PairSums,
     Pass,
     available,
+    grouped,
     one_pass,
     pair_sums,
     pairs_with_terms,
+    sizes,
     threads,
     volumes,
 )
@@ -19,9 +21,11 @@ __all__ = [
     "PairSums",
     "Pass",
     "available",
+    "grouped",
     "one_pass",
     "pair_sums",
     "pairs_with_terms",
+    "sizes",
     "threads",
     "volumes",
 ]

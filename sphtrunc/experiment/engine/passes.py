@@ -8,7 +8,7 @@ on the particles alone.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import product
@@ -115,9 +115,6 @@ def one_pass(
     chosen, wanted = _targets(targets, scene.population)
     if precision not in ("plain", "compensated"):
         raise ValueError(f"precision: got {precision!r}, expected plain or compensated")
-    names = available()
-    if engine is not None and engine not in names:
-        raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
     zero = (0,) * scene.dim
     task = plan(
         kernel,
@@ -132,6 +129,27 @@ def one_pass(
         quantum=quantum,
     )
     per_h = 1.0 / scene.h
+    out, name = _summed(scene, kernel, task, values, per_h, wanted, workers, engine)
+    return Pass(task, out, per_h, chosen, keys, field_keys, name)
+
+
+def _summed(
+    scene: Particles,
+    kernel: Kernel,
+    task: Plan,
+    values: Array,
+    per_h: Array,
+    wanted: Any,
+    workers: int | None,
+    engine: str | None,
+) -> tuple[Array, str]:
+    """The rows of a plan, (n, sums), and the engine that summed them.
+
+    Raises ValueError for an engine that is not there.
+    """
+    names = available()
+    if engine is not None and engine not in names:
+        raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
     number = threads(workers)
     name = engine or names[0 if scene.population >= _WORTH else -1]
@@ -141,12 +159,89 @@ def one_pass(
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
     if name == "numba":
-        out = cells.sums(task, columns, per_h, reach, wanted, number)
-    else:
-        from sphtrunc.experiment.engine import tree as neighbours
+        return cells.sums(task, columns, per_h, reach, wanted, number), name
+    from sphtrunc.experiment.engine import tree as neighbours
 
-        out = neighbours.sums(task, columns, per_h, reach, wanted, number)
-    return Pass(task, out, per_h, chosen, keys, field_keys, name)
+    return neighbours.sums(task, columns, per_h, reach, wanted, number), name
+
+
+def grouped(
+    scene: Particles,
+    kernel: Kernel,
+    fields: Array,
+    groups: Sequence[Sequence[tuple[Key, int]]],
+    *,
+    targets: object = None,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> tuple[Array, int]:
+    """Σ_b Σ (key) A_b of each group of (key, row of the fields), (G, T), without volumes, each in
+    units of h^{−d}; and how many neighbours a target has at most.
+
+    fields: (F, n); keys: of at most one derivative, all of a group of the same order
+    """
+    scene = scene.in_plain_units()
+    chosen, wanted = _targets(targets, scene.population)
+    terms = [tuple(_term(key, field) for key, field in group) for group in groups]
+    count = (Term(COUNT, (0,) * scene.dim, -1),)
+    task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
+    per_h = 1.0 / scene.h
+    out, _ = _summed(scene, kernel, task, fields, per_h, wanted, workers, engine)
+    scale = per_h[chosen] ** scene.dim
+    signs = [(-1.0) ** sum(group[0][0][0]) for group in groups]
+    rows = [sign * scale * out[chosen, i] for i, sign in enumerate(signs)]
+    seen = out[chosen, -1].astype(np.int64) & (int(MOST) - 1)
+    return np.stack(rows), int(seen.max(initial=0))
+
+
+def sizes(
+    scene: Particles,
+    kernel: Kernel,
+    fields: Array,
+    keys: Iterable[Key],
+    room: int,
+    *,
+    targets: object = None,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Array:
+    """A bound of what rounding makes of Σ_b (key) A_b for any of the keys and any |A| <= the field,
+    (F, T): that of the pair formula, and `room` more roundings of every term, u each.
+
+    fields: (F, n), not negative
+    """
+    scene = scene.in_plain_units()
+    chosen, wanted = _targets(targets, scene.population)
+    zero = (0,) * scene.dim
+    task = _grouped_plan(
+        scene,
+        kernel,
+        terms=dict.fromkeys(_term(key, -1) for key in keys),
+        groups=[(Term(COUNT, zero, i),) for i in range(len(fields))],
+        fields=len(fields),
+        room=room,
+    )
+    per_h = 1.0 / scene.h
+    out, _ = _summed(scene, kernel, task, fields, per_h, wanted, workers, engine)
+    return np.asarray(out[chosen].T * per_h[chosen] ** scene.dim * (1.0 + 1e-9))
+
+
+def _term(key: Key, field: int) -> Term:
+    ((_, beta, k),) = parts(key)
+    return Term(k, beta, field)
+
+
+def _grouped_plan(
+    scene: Particles, kernel: Kernel, terms: Iterable[Term] = (), **more: Any
+) -> Plan:
+    return plan(
+        kernel,
+        scene.dim,
+        terms,
+        mode="one" if scene.one_h else scene.mode,
+        low=scene.period is not None,
+        **more,
+    )
 
 
 def pair_sums(
