@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from sphtrunc.experiment.momentum import FORMS, State, partner, parts_of, rates
 from sphtrunc.experiment.pair_matrices import Action, Part, act, same
 from sphtrunc.operators.forces import CORRECTED
 from sphtrunc.operators.h_rules import FORCE_RULES
+
+_COMPARED = 4096  # particles whose factors tell which matrix is another's transpose
 
 
 @dataclass(frozen=True)
@@ -78,15 +81,23 @@ def kept(
         _require(name, rule)
         parts = parts_of(state, name, rule)
         forces.append(parts)
-        chosen.append(_partner(state, name, rule, parts))
+        chosen.append(_partner(state, name, rule))
     requests: list[tuple[list[Part], Array]] = [(parts, state.pressure) for parts in forces]
     requests += [(parts, velocity) for _, _, parts in chosen]
+    # the matrices of the corrections once more, for the bounds of their sums
+    corrected = dict.fromkeys(
+        FORCE_RULES[rule][0] for name, rule in pairs if _gradient(name) == CORRECTED
+    )
+    for sides in corrected:
+        requests += state.moment_matrix(sides)
     done = act(state.cloud, requests, bound=True)
+    columns = iter(done[2 * len(pairs) :])
+    off = {sides: state.deviation(sides, [*islice(columns, state.dim)]) for sides in corrected}
     found = []
     for i, (name, rule) in enumerate(pairs):
         force, rate = done[i], done[len(pairs) + i]
         known, tried, _ = chosen[i]
-        shift, turn = _defect(state, name, rule)
+        shift, turn = _defect(state, name, off.get(FORCE_RULES[rule][0]))
         found.append(
             Kept(
                 form=name,
@@ -112,29 +123,34 @@ def _require(name: str, rule: str) -> None:
         )
 
 
-def _partner(
-    state: State, name: str, rule: str, parts: list[Part]
-) -> tuple[str | None, str, list[Part]]:
-    """(name of the adjoint rate or None, name of the rate to try, its parts)."""
-    transposed = partner(state, parts)
-    catalogue = rates(state, name, rule)
-    for candidate, rows in catalogue.items():
-        if same(transposed, rows):
-            return candidate, candidate, rows
-    first = next(iter(catalogue))
-    return None, first, catalogue[first]
+def _partner(state: State, name: str, rule: str) -> tuple[str | None, str, list[Part]]:
+    """(name of the adjoint rate or None, name of the rate to try, its parts). Factors are functions
+    of the particle, the same for all: some thousand of them are compared."""
+    few = state.some(slice(None, None, max(1, state.cloud.count // _COMPARED)))
+    transposed = partner(few, parts_of(few, name, rule))
+    candidates = rates(few, name, rule)
+    known = next((n for n, rows in candidates.items() if same(transposed, rows())), None)
+    tried = known or next(iter(candidates))
+    return known, tried, rates(state, name, rule)[tried]()
 
 
-def _defect(state: State, name: str, rule: str) -> tuple[Array, Array]:
-    """(n,) each: the force and the couple that the rounding of a correction leaves."""
-    force, none = FORMS[name].force, np.zeros(state.cloud.count)
-    size = state.volume * np.abs(state.pressure)
-    if force is None:
-        off = size * state.reproducing[1]
-        return off / state.cloud.h, 2.0 * off
-    if force.gradient == CORRECTED:
-        return none, 2.0 * size * state.correction(FORCE_RULES[rule][0])[1]
-    return none, none
+def _gradient(name: str) -> str | None:
+    force = FORMS[name].force
+    return None if force is None else force.gradient
+
+
+def _defect(state: State, name: str, off: Array | None) -> tuple[Array | float, Array | float]:
+    """(n,) each: the force and the couple that the rounding of a correction leaves.
+
+    off: how far C B may be from 1
+    """
+    if FORMS[name].force is None:
+        rest = state.volume * np.abs(state.pressure) * state.reproducing[1]
+        return rest / state.cloud.h, 2.0 * rest
+    if _gradient(name) == CORRECTED:
+        assert off is not None
+        return 0.0, 2.0 * state.volume * np.abs(state.pressure) * off
+    return 0.0, 0.0
 
 
 def _total(terms: Array) -> float:
@@ -143,14 +159,16 @@ def _total(terms: Array) -> float:
     return float(high + low)
 
 
-def _linear(force: Action, shift: Array) -> Residual:
+def _linear(force: Action, shift: Array | float) -> Residual:
     assert force.bound is not None
     worst = max(abs(_total(row)) for row in force.value)
-    bound = max(_total(row) for row in force.bound) + _total(shift)
-    return _relative(worst, bound, _total(force.size))
+    bound = max(row.sum() for row in force.bound) + float(np.sum(shift))
+    return _relative(worst, bound, float(force.size.sum()))
 
 
-def _angular(state: State, force: Action, shift: Array, turn: Array) -> Residual | None:
+def _angular(
+    state: State, force: Action, shift: Array | float, turn: Array | float
+) -> Residual | None:
     """Σ x × F about the mean position."""
     if state.dim == 1 or state.cloud.period is not None:
         return None
@@ -163,10 +181,10 @@ def _angular(state: State, force: Action, shift: Array, turn: Array) -> Residual
     worst = bound = size = 0.0
     for i, j in planes:
         worst = max(worst, abs(_total(arm[i] * force.value[j] - arm[j] * force.value[i])))
-        size += _total(span[i] * force.size[j] + span[j] * force.size[i])
+        size += float((span[i] * force.size[j] + span[j] * force.size[i]).sum())
         error = span[i] * (force.bound[j] + shift) + span[j] * (force.bound[i] + shift)
         error += rounded[i] * force.size[j] + rounded[j] * force.size[i]
-        bound = max(bound, _total(error + turn))
+        bound = max(bound, float((error + turn).sum()))
     return _relative(worst, bound, size)
 
 
@@ -176,8 +194,8 @@ def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Resid
     weight = state.per_square * state.pressure
     work = velocity * force.value
     heat = weight * rate.value
-    size = _total(np.abs(velocity) * force.size) + _total(np.abs(weight) * rate.size)
-    bound = _total(np.abs(velocity) * force.bound) + _total(np.abs(weight) * rate.bound)
+    size = float((np.abs(velocity) * force.size).sum() + (np.abs(weight) * rate.size).sum())
+    bound = float((np.abs(velocity) * force.bound).sum() + (np.abs(weight) * rate.bound).sum())
     bound += 8.0 * UNIT * size
     return _relative(abs(_total(np.concatenate([work, heat]))), bound, size)
 

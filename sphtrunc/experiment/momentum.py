@@ -15,8 +15,8 @@ on corrected kernels and the energy).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from sphtrunc.arithmetic.small_systems import solve
 from sphtrunc.arithmetic.summation import UNIT, Array
 from sphtrunc.experiment.adapted_lengths import grad_h
 from sphtrunc.experiment.engine import pair_sums
-from sphtrunc.experiment.pair_matrices import Cloud, Part, act, adjoint, scaled
+from sphtrunc.experiment.pair_matrices import Action, Cloud, Part, act, adjoint, scaled
 from sphtrunc.operators.forces import CORRECTED, FORCES, GRAD_H, PLAIN, RATES, Force, Rate
 from sphtrunc.operators.h_rules import FORCE_RULES, Sides
 from sphtrunc.operators.moments import add, unit
@@ -64,6 +64,22 @@ class State:
         """m/ρ²."""
         return self.mass / (self.density * self.density)
 
+    def some(self, index: Any) -> State:
+        """Some of the particles with the factors that they have among all."""
+        cloud = replace(self.cloud, x=self.cloud.x[:, index], h=self.cloud.h[index])
+        part = State(cloud, self.mass[index], self.density[index], self.pressure[index])
+        known = {
+            "_corrections": {sides: c[..., index] for sides, c in self._corrections.items()},
+        }
+        if "omega" in self.__dict__:
+            known["omega"] = self.omega[index]
+        if "reproducing" in self.__dict__:
+            rows, off = self.reproducing
+            small = [{key: c[index] for key, c in row.items()} for row in rows]
+            known["reproducing"] = small, off[index]
+        part.__dict__.update(known)
+        return part
+
     @cached_property
     def omega(self) -> Array:
         """Ω = 1 + (h/dρ) ∂ρ/∂h of the summation ρ = Σ m W(h_a), which is Σ_i m[e_i, e_i]/(d ρ)."""
@@ -72,20 +88,26 @@ class State:
         return grad_h(scene, cloud.kernel, cloud.workers)[1]
 
     @cached_property
-    def _corrections(self) -> dict[Sides, tuple[Array, Array]]:
+    def _corrections(self) -> dict[Sides, Array]:
         return {}
 
-    def correction(self, sides: Sides) -> tuple[Array, Array]:
-        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides, and how far any
-        entry of C B may be from 1, (n,): by the rounding of the sums and of the solution."""
+    def correction(self, sides: Sides) -> Array:
+        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides."""
         if sides not in self._corrections:
-            self._corrections[sides] = self._corrected(sides)
+            dim, n = self.dim, self.cloud.count
+            columns = act(self.cloud, self.moment_matrix(sides))
+            b = [[columns[j].value[i] for j in range(dim)] for i in range(dim)]
+            health = Health()
+            c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
+            _require(health, n, "csph")
+            rows = [np.stack([np.broadcast_to(x, (n,)) for x in row]) for row in c]
+            self._corrections[sides] = np.stack(rows)
         return self._corrections[sides]
 
-    def _corrected(self, sides: Sides) -> tuple[Array, Array]:
-        dim, n = self.dim, self.cloud.count
-        ones = np.ones(n)
-        requests = [
+    def moment_matrix(self, sides: Sides) -> list[tuple[list[Part], Array]]:
+        """What makes the columns of B."""
+        dim, ones = self.dim, np.ones(self.cloud.count)
+        return [
             (
                 [
                     Part(i, side, (unit(dim, i), unit(dim, j)), share * ones, self.volume, True)
@@ -96,12 +118,13 @@ class State:
             )
             for j in range(dim)
         ]
-        columns = act(self.cloud, requests, bound=True)
+
+    def deviation(self, sides: Sides, columns: Sequence[Action]) -> Array:
+        """How far any entry of C B may be from 1, (n,), by the rounding of the sums and of the
+        solution; columns: of B, with their bounds."""
+        dim, c = self.dim, self.correction(sides)
         b = [[columns[j].value[i] for j in range(dim)] for i in range(dim)]
-        health = Health()
-        c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
-        _require(health, n, "csph")
-        off = np.zeros(n)
+        off = np.zeros(self.cloud.count)
         for i in range(dim):
             for j in range(dim):
                 terms = [c[i][k] * b[k][j] for k in range(dim)]
@@ -111,7 +134,7 @@ class State:
                     bound = columns[j].bound
                     assert bound is not None
                     off += np.abs(c[i][k]) * bound[k]
-        return np.stack([np.stack([np.broadcast_to(x, (n,)) for x in row]) for row in c]), off
+        return off
 
     @cached_property
     def reproducing(self) -> tuple[list[dict[Key, Array]], Array]:
@@ -191,7 +214,7 @@ def _ends(
         per = 1.0 / state.omega
         rows = [(left * per, right, diagonal) if end == "a" else (left, right * per, diagonal)]
     elif gradient == CORRECTED:
-        c = state.correction(FORCE_RULES[rule][0])[0]
+        c = state.correction(FORCE_RULES[rule][0])
         axes = [(i, j) for i in range(dim) for j in range(dim)]
         rows = [
             (left * c[i, j], right, [(i, j)]) if end == "a" else (left, right * c[i, j], [(i, j)])
@@ -200,7 +223,8 @@ def _ends(
     for l_row, r_row, axes in rows:
         for side, share in sides:
             for component, axis in axes:
-                yield Part(component, side, (unit(dim, axis), zero), share * l_row, r_row, own)
+                l_part = l_row if share == 1.0 else share * l_row
+                yield Part(component, side, (unit(dim, axis), zero), l_part, r_row, own)
 
 
 def force_parts(state: State, force: Force, rule: str) -> list[Part]:
@@ -322,20 +346,20 @@ def parts_of(state: State, name: str, rule: str) -> list[Part]:
     return _strong(state) if name == "rkpm-strong" else _galerkin(state)
 
 
-def rates(state: State, name: str, rule: str) -> dict[str, list[Part]]:
-    """The density rates beside which a form is looked at: those of the catalogue with the gradient
-    that it has, and with the plain one."""
+def rates(state: State, name: str, rule: str) -> dict[str, Callable[[], list[Part]]]:
+    """The density rates beside which a form is looked at, each as what makes its parts: of the
+    catalogue, with the gradient that the form has, and with the plain one."""
     force = FORMS[name].force
     if force is None:
         return {
-            "−ρ_a Σ v_b·∇ψ_b(x_a)": scaled(_strong(state), state.density / state.volume),
-            **{f"{r.name}": rate_parts(state, r, rule) for r in RATES.values()},
+            "−ρ_a Σ v_b·∇ψ_b(x_a)": lambda: scaled(_strong(state), state.density / state.volume),
+            **{r.name: partial(rate_parts, state, r, rule) for r in RATES.values()},
         }
     gradients = dict.fromkeys((force.gradient, PLAIN))
     first = sorted(RATES.values(), key=lambda rate: rate.name != force.rate)
     return {
-        rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": rate_parts(
-            state, rate, rule, gradient
+        rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": partial(
+            rate_parts, state, rate, rule, gradient
         )
         for gradient in gradients
         for rate in first

@@ -214,14 +214,17 @@ class _Work:
             done, most = grouped(scene, cloud.kernel, fields, rows, **options)
             values += list(done)
             neighbours = max(neighbours, most)
-        scales = [_length_power(h, group[0][0]) for group in ordered]
-        values = [value * scale for value, scale in zip(values, scales, strict=True)]
-        if not all(np.all(np.isfinite(value)) for value in values):
+        alike = bool(np.all(h == 1.0))
+        scales = [None if alike else _length_power(h, group[0][0]) for group in ordered]
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = [v if s is None else v * s for v, s in zip(values, scales, strict=True)]
+        if not np.isfinite(sum(float(value.sum()) for value in values)):
             raise ValueError("fields: the sums overflow; expected smaller values")
         if not bound:
             return [(value, None) for value in values]
         radii = self._radii(cloud, side, ordered, neighbours, options)
-        return list(zip(values, [r * s for r, s in zip(radii, scales, strict=True)], strict=True))
+        radii = [r if s is None else r * s for r, s in zip(radii, scales, strict=True)]
+        return list(zip(values, radii, strict=True))
 
     def _radii(
         self,
@@ -234,28 +237,39 @@ class _Work:
         """Bounds of the sums, (T,), in units of h: those of the same requests have one in common.
 
         Roundings: each of the neighbours and of the group adds one, and factors and scales are made
-        in at most _FACTORS.
+        in at most _FACTORS. Where all have one h, |s^γ| <= κ^|γ|, and the sizes of a kernel's term
+        do for its moments.
         """
+        scene, zero = cloud.scene(side), unit(cloud.dim, 0, 0)
         classes: dict[Any, list[int]] = {}
+        factor = [1.0] * len(ordered)
         for number, uses in enumerate(self.groups[side].values()):
             delta, gamma = ordered[number][0][0]
-            classes.setdefault((sum(delta), sum(gamma), frozenset(uses)), []).append(number)
+            degree = sum(gamma)
+            if scene.one_h:
+                factor[number], degree = (float(cloud.kernel.support) * 1.001) ** degree, 0
+            classes.setdefault((sum(delta), degree, frozenset(uses)), []).append(number)
         result: list[Any] = [None] * len(ordered)
         longest = max(len(group) for group in ordered)
         room = 1 << (neighbours + longest + _FACTORS - 1).bit_length()
         for order in dict.fromkeys(name[:2] for name in classes):
             mine = [numbers for name, numbers in classes.items() if name[:2] == order]
-            keys = dict.fromkeys(key for n in mine for i in n for key, _ in ordered[i])
+            keys = dict.fromkeys(
+                (delta, gamma if order[1] else zero)
+                for numbers in mine
+                for i in numbers
+                for (delta, gamma), _ in ordered[i]
+            )
             fields = np.stack(
                 [
                     np.maximum.reduce([self._magnitude(ordered[i]) for i in numbers])
                     for numbers in mine
                 ]
             )
-            bounds = sizes(cloud.scene(side), cloud.kernel, fields, keys, room, **options)
+            bounds = sizes(scene, cloud.kernel, fields, keys, room, **options)
             for numbers, one in zip(mine, bounds, strict=True):
                 for i in numbers:
-                    result[i] = one
+                    result[i] = one if factor[i] == 1.0 else factor[i] * one
         return result
 
     def _magnitude(self, group: list[tuple[Key, int]]) -> Array:

@@ -46,7 +46,7 @@ class Plan:
     factors: (k, radial factor) in use; terms: the sums; fields: how many
     groups: in place of the terms, sums of several of them each, without volumes: Σ_b Σ f_k s^β A_b
     room: not 0: of every group Σ_b A_b ε, A >= 0 its one field and ε at least what `room` roundings
-        and that of the pair formula make of any f_k s^β among the terms
+        and those of the pair formula make of any f_k s^β among the terms
     difference: A_b − A_a in place of A_b
     mode: "one" (h of the target), "scatter", "mean" or "mean-kernel"
     low: positions are pairs of floats (images in a periodic box)
@@ -233,13 +233,13 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
             monomials[beta] = monomial(lower) * s[axis] if any(lower) else s[axis]
         return monomials[beta]
 
+    if plan.room:
+        return _sizes(plan, number, factors, squares, source)
     if plan.groups:
         products = {
             (t.k, t.beta): factors[t.k] * monomial(t.beta) if any(t.beta) else factors[t.k]
             for t in terms
         }
-        if plan.room:
-            return _sizes(plan, number, list(products.values()), source)
         return [
             sum(
                 (products[t.k, t.beta] * source.fields[t.field] for t in rest),
@@ -266,12 +266,18 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
     ]
 
 
-def _sizes(plan: Plan, number: Any, products: list[Any], source: Ends) -> list[Any]:
-    """Σ_b A_b ε of every group: ε is the largest of the bounded products' sizes times the roundings
-    that are to come, and their errors."""
+def _sizes(
+    plan: Plan, number: Any, factors: Mapping[int, Any], squares: Any, source: Ends
+) -> list[Any]:
+    """Σ_b A_b ε of every group. |s^β| is at most |s|^|β|, and each of its factors is rounded three
+    times and takes part in one product."""
     plain = number.plain
+    distance = plain.sqrt(squares.value + squares.error) * (1.0 + 4.0 * UNIT)
     largest: Any = None
-    for product in products:
-        size = plain.size(product.value) * (plan.room * UNIT) + product.error
+    for k, degree in dict.fromkeys((t.k, sum(t.beta)) for t in plan.terms):
+        f = factors[k]
+        size = plain.size(f.value) * ((plan.room + 4 * degree) * UNIT) + f.error
+        for _ in range(degree):
+            size = size * distance
         largest = size if largest is None else plain.larger(largest, size)
     return [source.fields[group[0].field].value * largest for group in plan.groups]

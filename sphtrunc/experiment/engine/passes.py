@@ -187,11 +187,12 @@ def grouped(
     task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
     per_h = 1.0 / scene.h
     out, _ = _summed(scene, kernel, task, fields, per_h, wanted, workers, engine)
+    rows = np.ascontiguousarray(out[chosen].T)
+    seen = rows[-1].astype(np.int64) & (int(MOST) - 1)
     scale = per_h[chosen] ** scene.dim
-    signs = [(-1.0) ** sum(group[0][0][0]) for group in groups]
-    rows = [sign * scale * out[chosen, i] for i, sign in enumerate(signs)]
-    seen = out[chosen, -1].astype(np.int64) & (int(MOST) - 1)
-    return np.stack(rows), int(seen.max(initial=0))
+    for row, group in zip(rows, groups, strict=False):
+        row *= scale if sum(group[0][0][0]) % 2 == 0 else -scale
+    return rows[:-1], int(seen.max(initial=0))
 
 
 def sizes(
