@@ -162,7 +162,7 @@ def _total(terms: Array) -> float:
 def _linear(force: Action, shift: Array | float) -> Residual:
     assert force.bound is not None
     worst = max(abs(_total(row)) for row in force.value)
-    bound = max(row.sum() for row in force.bound) + float(np.sum(shift))
+    bound = float(max(row.sum() for row in force.bound) + np.sum(shift))
     return _relative(worst, bound, float(force.size.sum()))
 
 

@@ -36,7 +36,7 @@ from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
 from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.theory.variable_h.graded_spacing import graded_moments
-from sphtrunc.theory.variable_h.scenes import predict_varying
+from sphtrunc.theory.variable_h.scenes import Slope, predict_varying
 
 
 def rule(scene: Scene) -> tuple[Lattice, float, str]:
@@ -48,11 +48,6 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
         return scene, 0.0, "gaussian"
-    if isinstance(scene, Sloped):
-        raise ValueError(
-            "scene: with a gradient of h there is theory for moments, not for fields; expected"
-            " moments alone"
-        )
     raise ValueError(
         "scene: there is no such theory for graded particles; expected a lattice, with or without"
         " jitter, or explicit particles in a periodic box"
@@ -83,9 +78,9 @@ def predict_moments(
         )
     if by_structure(scene):
         return predict_by_structure(scene, kernel, operator, degree)
-    if isinstance(scene, Sloped):
+    if isinstance(scene, Sloped) and not isinstance(scene.base, Graded):
         return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
-    if isinstance(scene, Graded):
+    if _is_graded(scene):
         rows = _graded(scene, parse_kernel(kernel), operator, degree)
         mean = {a: float(np.mean([row[a] for row in rows])) for a in rows[0]}
         exact = operator.consistency  # up to this degree every row is the same but for rounding
@@ -105,17 +100,26 @@ def predict_moments(
     )
 
 
+def _is_graded(scene: Scene) -> bool:
+    return isinstance(getattr(scene, "base", scene), Graded)
+
+
+def _slope(scene: Scene) -> Slope | None:
+    return Slope(scene.gradient, scene.rule) if isinstance(scene, Sloped) else None
+
+
 def _graded(
-    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, degree: int
+    scene: Scene, kernel: Kernel | Gaussian, operator: Operator, degree: int
 ) -> list[dict[MultiIndex, float]]:
-    """The predicted moments at every target of a graded scene."""
+    """The predicted moments at every target of a graded scene, h with a gradient or without."""
     if not isinstance(kernel, Kernel):
         raise ValueError(
             f"scene: for graded particles there is theory for polynomials, {kernel.name} is none"
         )
+    base: Any = getattr(scene, "base", scene)
     return [
-        graded_moments(kernel, operator, scene.spacing, at, scene.offset, degree)
-        for at in scene.positions
+        graded_moments(kernel, operator, base.spacing, at, base.offset, degree, _slope(scene))
+        for at in base.positions
     ]
 
 
@@ -123,7 +127,7 @@ _WAVE = 12  # moments that a wave is expanded in
 
 
 def _graded_error(
-    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
+    scene: Scene, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
 ) -> Split:
     """The rms error over targets, and over the phase of a sinusoid, from the moments."""
     wave = isinstance(field, Sinusoid)
@@ -140,7 +144,9 @@ def _graded_error(
     degree = max(max(alpha) for alpha in taylor)
     rows = _graded(scene, kernel, operator, degree)
     target = operator.target(1)
-    sums = {key: continuous_sum(parse_kernel(kernel), key) for key in operator.needed(1, degree)}
+    shape, slope = parse_kernel(kernel), _slope(scene)
+    moment = continuous_sum if slope is None else slope.moment
+    sums = {key: moment(shape, key) for key in operator.needed(1, degree)}
     limit = operator.correct(sums, 1, degree)
 
     def error(moments: Mapping[MultiIndex, Any]) -> complex:
@@ -157,15 +163,23 @@ def _graded_error(
     return Split(rms(found), rms(smooth), rms(found - smooth), 0.0, 0.0)
 
 
-def _predict_sloped(
-    scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
-) -> Prediction:
-    lattice, sigma, distribution = rule(scene.base)
+def _require_particles(kernel: Kernel | Gaussian, scene: Sloped) -> None:
+    lattice = rule(scene.base)[0]
     if not isinstance(kernel, Kernel) or lattice.volume != "constant" or any(lattice.offset):
         raise ValueError(
             "scene: with a gradient of h there is theory for constant volumes, targets that are"
             " particles, and kernels that are polynomials"
         )
+    if lattice.wall is not None:
+        raise ValueError("wall: with a gradient of h as well there is no theory; expected one")
+
+
+def _predict_sloped(
+    scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
+) -> Prediction:
+    _require_particles(kernel, scene)
+    lattice, sigma, distribution = rule(scene.base)
+    assert isinstance(kernel, Kernel)
     return predict_varying(
         kernel,
         operator,
@@ -278,10 +292,14 @@ def predict_error(
                 " polynomial or a mapping from multi-indices to derivatives"
             )
         signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
-    if isinstance(scene, Graded):
+    if _is_graded(scene):
         return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
+    slope = None
+    if isinstance(scene, Sloped):
+        _require_particles(kernel, scene)
+        scene, slope = scene.base, Slope(scene.gradient, scene.rule)
     lattice, sigma, distribution = rule(scene)
     return predict_fields(
         kernel,
@@ -295,6 +313,7 @@ def predict_error(
         volume=lattice.volume,
         precision=precision,
         wall=lattice.wall,
+        slope=slope,
     )[0]
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from math import ceil, pi
 from typing import TYPE_CHECKING
 
@@ -29,11 +30,14 @@ from sphtrunc.theory.disorder.averages import _Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.disorder.sampling import displaced
 from sphtrunc.theory.fields import Signals, Waves
+from sphtrunc.theory.walls.moments import cut_number, require
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.scenes.walls import Wall
+    from sphtrunc.theory.fields import Moment
+    from sphtrunc.theory.variable_h.scenes import Slope
 
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -98,6 +102,7 @@ def predict_fields(
     volume: str = "constant",
     precision: str = "plain",
     wall: Wall | None = None,
+    slope: Slope | None = None,
 ) -> list[Split]:
     """The error for each of K signals.
 
@@ -106,37 +111,43 @@ def predict_fields(
     volume: "constant", "cell" (1D) or "summation"
     precision: in which the sums are evaluated, as for `measure`
     wall: a plane wall without ghosts; displaced particles stay on the side of their sites
+    slope: how h changes from particle to particle, which carry theirs along
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
 
-    Raises ValueError for vector operators, where a correction is singular, and beside a wall for
-    ghosts and the nested form.
+    Raises ValueError for vector operators, where a correction is singular, beside a wall for ghosts
+    and the nested form, and with a gradient of h for the nested form and blue displacements.
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
-    first, share, eta = None, 1.0, None
+    first, share = None, 1.0
+    moment: Moment | None = None
+    if slope is not None:
+        _require_followed(operator, distribution if sigma else "")
+        moment = partial(slope.moment, kernel)
     if wall is not None:
         _require_bare(wall, operator)
         offset, phase = wall.placed(kind, dx_over_h, offset)
-        first, eta = ceil(-phase), wall.eta
+        first = ceil(-phase)
+        moment = partial(cut_number, require(kernel, operator), operator, eta=wall.eta)
         share = float(wall.share) if phase.denominator == 1 else 1.0
     pairs = not sigma and wall is None and in_pairs(kind, offset)
     operator.require_pairs(pairs)
     dim = len(offset)
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit_error(kernel, operator, eta)
+    limit = signals.limit_error(kernel, operator, moment)
     if nested:
         seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
         value, noise = seen.estimate(signals)
         neighbours = len(seen.near)
     else:
-        particles = _Particles(kernel, kind, dx_over_h, offset, volume, first, share)
+        particles = _Particles(kernel, kind, dx_over_h, offset, volume, first, share, slope)
         here = particles.points[:, None, :]
         value, _, noise = particles.estimate(operator, signals, here, np.ones(1))
         neighbours = particles.neighbours
-    if pairs and isinstance(signals, Waves):  # of odd and even weights at ±s
+    if pairs and slope is None and isinstance(signals, Waves):  # of odd and even weights at ±s
         value[:, :, 1 - operator.derivatives % 2] = 0.0
     # what the rounding of these very sums can explain is no discretisation error
     unresolved = (depth(neighbours) + 8) * UNIT * neighbours**0.5 * noise
@@ -145,7 +156,8 @@ def predict_fields(
     still = np.where(np.abs(still - limit) <= unresolved, limit, still)
     mean, variance, known = still, np.zeros_like(still), np.zeros(len(still))
     if sigma:
-        if operator.uncorrected and volume == "constant" and distribution != "blue":
+        plain = operator.uncorrected and volume == "constant" and distribution != "blue"
+        if plain or slope is not None:
             mean, variance = particles.scattered(operator, signals, sigma, distribution)
             mean = mean - exact
         else:
@@ -183,6 +195,15 @@ def _require_bare(wall: Wall, operator: Operator) -> None:
         raise ValueError(
             "ghosts: of fields beside a wall there is theory without ghosts, and not for the nested"
             " form; expected ghosts none and another form, or moments alone"
+        )
+
+
+def _require_followed(operator: Operator, distribution: str) -> None:
+    if operator.form == NESTED:
+        raise ValueError("form: nested sums see every particle's own h; expected another form")
+    if distribution == "blue":
+        raise ValueError(
+            "distribution: blue displacements depend on one another; expected gaussian or uniform"
         )
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.theory.variable_h.scenes import Slope
 
 
 NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
@@ -83,12 +84,15 @@ class _Particles:
         volume: str,
         first: int | None = None,
         share: float = 1.0,
+        slope: Slope | None = None,
     ) -> None:
         """first: the first plane of particles along the first axis, if a wall cuts off the others,
-        and share: what counts of a particle in it."""
-        self.kernel, self.dim = kernel, len(offset)
+        and share: what counts of a particle in it; slope: how h changes from particle to particle,
+        if it does."""
+        self.kernel, self.dim, self.slope = kernel, len(offset), slope
         self.ratio = ratio = float(dx_over_h)
-        self.index = sites(kind, float(kernel.support) / ratio + 1.5, tuple(offset))
+        support = float(kernel.support) * (1.0 if slope is None else slope.wider(kernel))
+        self.index = sites(kind, support / ratio + 1.5, tuple(offset))
         if first is not None:
             self.index = self.index[:, self.index[0] >= first]
         self.shares = np.where(self.index[0] == first, share, 1.0)[:, None]
@@ -107,6 +111,8 @@ class _Particles:
 
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
         """g_key of the particles at the offsets s, (N, Q, d)."""
+        if self.slope is not None:
+            return {key: self.slope.term(self.kernel, key, s) for key in keys}
         q = np.sqrt((s * s).sum(axis=-1))
         factor = cache(lambda k: self.shares * factor_values(self.kernel, k, q, self.dim))
         return {

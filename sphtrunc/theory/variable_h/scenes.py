@@ -9,6 +9,7 @@ is Σ V (g + σ²∇²g), and to first order its derivatives with respect to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, monomial, parts
 from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.prediction import Prediction
-from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of
+from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of, summed
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -123,6 +124,42 @@ def _displaced(
         std,
         "expansion in the displacements, h carried along",
     )
+
+
+@dataclass(frozen=True)
+class Slope:
+    """h = h_a (1 + g·s) and a rule for whose h a pair takes."""
+
+    gradient: tuple[Fraction, ...]
+    rule: str
+
+    def wider(self, kernel: Kernel) -> float:
+        """How many supports of the target hold every particle that it sees.
+
+        Raises ValueError where there is no end to it: |g|κ >= 1.
+        """
+        require_support(fraction(kernel.support), self.gradient, self.rule)
+        steep = sum(float(g) ** 2 for g in self.slopes) ** 0.5
+        return 1.0 / (1.0 - steep * float(kernel.support))
+
+    @property
+    def slopes(self) -> tuple[Fraction, ...]:
+        """The gradient of the h of a pair."""
+        return tuple(slope_share(self.rule) * g for g in self.gradient)
+
+    def term(self, kernel: Kernel, key: Key, s: Array) -> Array:
+        """The term of a base sum at offsets s, (…, d)."""
+        import numpy as np
+
+        flat, none = s.reshape(-1, s.shape[-1]), np.zeros(s.shape[-1])
+        values = term_values(kernel, key, flat, np.array([float(g) for g in self.slopes]))
+        if self.rule == "mean-kernel":
+            values = 0.5 * (values + term_values(kernel, key, flat, none))
+        return np.asarray(values.reshape(s.shape[:-1]))
+
+    def moment(self, kernel: Kernel, key: Key) -> Any:
+        """The base sum for Δx/h → 0."""
+        return summed(kernel, key, self.gradient, self.rule)
 
 
 def term_values(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
