@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 
 def write_atomically(path: str | Path, text: str | bytes) -> None:
@@ -35,6 +36,15 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
         raise ValueError(f"output {target}: {error.strerror or error}") from None
+
+
+def digest(settings: dict[str, Any]) -> str:
+    """A fingerprint of everything that a result depends on, 64 digits."""
+    import hashlib
+    import json
+
+    text = json.dumps(settings, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def wrapped(sentences: Iterable[str]) -> list[str]:

@@ -20,10 +20,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from sphtrunc.kernels.parse import definition
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
-from sphtrunc.output import write_atomically
-from sphtrunc.study.journal import Journal, Row, digest
+from sphtrunc.output import digest, write_atomically
+from sphtrunc.study.journal import Journal, Row
 from sphtrunc.version import __version__
 
 #: options that may be lists, in the order in which they vary (the last one fastest); their default
@@ -103,7 +104,7 @@ class Study:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the result depends on."""
-        kernels = [_definition(name) for name in self.axes["kernel"]]
+        kernels = [definition(name) for name in self.axes["kernel"]]
         return {
             "axes": {name: list(values) for name, values in self.axes.items()},
             "kernels": kernels,
@@ -131,15 +132,6 @@ class Study:
             {"scene": dict(zip(_SCENE, values, strict=True)), **rest, **shared}
             for values in product(*(self.axes[name] for name in _SCENE))
         ]
-
-
-def _definition(name: str) -> list[Any]:
-    """What a kernel is, not how it was called: its file may change."""
-    kernel = parse_kernel(name)
-    knots = [str(k) for k in kernel.knots]
-    coefficients = getattr(kernel, "coefficients", None)
-    pieces = [] if coefficients is None else coefficients()
-    return [kernel.name, knots, [[str(c) for c in piece] for piece in pieces]]
 
 
 def operator_of(name: str, form: str, correction: str) -> Operator:

@@ -12,8 +12,9 @@ import pytest
 import sphtrunc
 from sphtrunc import Operator
 from sphtrunc.cli import main
+from sphtrunc.scenes.particle_files import vtp
 from sphtrunc.study.snapshots.error_map import DEFAULT, error_map, surface_distance
-from sphtrunc.study.snapshots.map_files import vtp, write
+from sphtrunc.study.snapshots.map_files import write
 
 KERNEL = sphtrunc.kernel("wendland-c2")
 SECOND = (Operator("laplacian", "brookshaw"), Operator("hessian", "difference", "rkpm-2"))
