@@ -11,12 +11,10 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from sphtrunc.kernels.parse import definition
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.output import digest, write_atomically
+from sphtrunc.study.executors import results
 from sphtrunc.study.journal import Journal, Row
 from sphtrunc.version import __version__
 
@@ -343,7 +342,10 @@ def sweep(
     done: dict[int, list[Row]] = {} if journal is None else journal.done
     try:
         open_groups = [i for i in range(len(groups)) if i not in done]
-        for count, (i, rows) in enumerate(_results(groups, open_groups, executor, workers)):
+        finished = results(
+            run_group, groups.__getitem__, open_groups, executor=executor, workers=workers
+        )
+        for count, (i, rows) in enumerate(finished):
             if journal is None:
                 done[i] = rows
             else:
@@ -358,53 +360,6 @@ def sweep(
         _write(path, rows, study)
         journal.path.unlink(missing_ok=True)
     return rows
-
-
-def _results(
-    groups: Sequence[Group], wanted: Sequence[int], executor: Executor | None, workers: int
-) -> Any:
-    """(index, rows) of the groups, as they are finished."""
-    if executor is None and workers == 1:
-        for i in wanted:
-            yield i, run_group(groups[i])
-        return
-    own = executor is None
-    pool = executor or ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_leave_with, initargs=(os.getpid(),)
-    )
-    try:
-        futures = {pool.submit(run_group, groups[i]): i for i in wanted}
-        for future in as_completed(futures):
-            yield futures[future], _result(future)
-    finally:
-        if own:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _result(future: Any) -> list[Row]:
-    from concurrent.futures.process import BrokenProcessPool
-
-    try:
-        rows: list[Row] = future.result()
-    except BrokenProcessPool:
-        raise ValueError(
-            "workers: a worker process died (out of memory, or killed); the groups finished so far"
-            " are kept, repeat the command to continue"
-        ) from None
-    return rows
-
-
-def _leave_with(parent: int) -> None:
-    """In a worker: end when the process that started it is gone."""
-    import threading
-    import time
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 # ----------------------------------------------------------------------------------- the table

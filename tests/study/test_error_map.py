@@ -13,8 +13,9 @@ import sphtrunc
 from sphtrunc import Operator
 from sphtrunc.cli import main
 from sphtrunc.scenes.particle_files import vtp
-from sphtrunc.study.snapshots.error_map import DEFAULT, error_map, surface_distance
+from sphtrunc.study.snapshots.error_map import DEFAULT, error_map
 from sphtrunc.study.snapshots.map_files import write
+from sphtrunc.study.snapshots.surfaces import surface_distance
 
 KERNEL = sphtrunc.kernel("wendland-c2")
 SECOND = (Operator("laplacian", "brookshaw"), Operator("hessian", "difference", "rkpm-2"))
