@@ -8,7 +8,7 @@ on the particles alone.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
@@ -210,10 +210,17 @@ class Work:
             self.plan, out, self.per_h, self.targets, self.keys, self.field_keys, self.engine
         )
 
-    def slabs(self, count: int) -> Iterator[tuple[Any, Work]]:
-        """The same work in slabs across the longest axis, as many targets in each: which of the
-        targets, and the work on them with the particles that they see. Its sums are those of the
-        whole to the last bit.
+    def cut(self, count: int) -> list[Any]:
+        """Which of the targets, (T,) of them in all, are in each of so many slabs across the
+        longest axis, as many in each."""
+        along = self._along()
+        targets = np.arange(self.per_h.size) if isinstance(self.targets, slice) else self.targets
+        order = np.argsort(along[targets], kind="stable")
+        return [np.sort(one) for one in np.array_split(order, max(1, min(count, order.size)))]
+
+    def slab(self, which: Any) -> Work:
+        """The work on one of `cut`, with the particles that its targets see and no others: its sums
+        are those of the whole to the last bit.
 
         Raises ValueError for the NumPy engine, whose order of neighbours depends on all particles.
         """
@@ -223,35 +230,33 @@ class Work:
             )
         from sphtrunc.experiment.engine import cells
 
-        x = self.columns[: self.plan.dim]
+        x, n = self.columns[: self.plan.dim], self.per_h.size
+        along = self._along()
+        targets = which if isinstance(self.targets, slice) else self.targets[which]
+        one_reach = self.reach.size == 1
+        far = float((self.reach if one_reach else self.reach[targets]).max()) * _REACH
+        low, high = along[targets].min() - far, along[targets].max() + far
+        seen = np.flatnonzero((along >= low) & (along <= high))
+        own = seen[: np.searchsorted(seen, n)]
+        local = np.searchsorted(own, targets)
+        wanted = np.zeros(own.size, dtype=np.bool_)
+        wanted[local] = True
+        columns = tuple(row[seen] for row in self.columns)
         grid, _ = cells.grid_for(x, float(self.reach.max()))
-        n = self.per_h.size
-        targets = np.arange(n) if isinstance(self.targets, slice) else self.targets
-        along = x[int(np.argmax([np.ptp(row) for row in x]))]
-        order = np.argsort(along[targets], kind="stable")
-        for which in np.array_split(order, max(1, min(count, order.size))):
-            which = np.sort(which)
-            mine = targets[which]
-            far = float((self.reach[mine] if self.reach.size > 1 else self.reach).max()) * _REACH
-            low, high = along[mine].min() - far, along[mine].max() + far
-            seen = np.flatnonzero((along >= low) & (along <= high))
-            own = seen[: np.searchsorted(seen, n)]
-            local = np.searchsorted(own, mine)
-            wanted = np.zeros(own.size, dtype=np.bool_)
-            wanted[local] = True
-            columns = tuple(row[seen] for row in self.columns)
-            yield (
-                which,
-                replace(
-                    self,
-                    columns=columns,
-                    per_h=self.per_h[own],
-                    reach=self.reach[own] if self.reach.size > 1 else self.reach,
-                    wanted=wanted,
-                    targets=local,
-                    within=cells.part_of(grid, columns[: self.plan.dim]),
-                ),
-            )
+        return replace(
+            self,
+            columns=columns,
+            per_h=self.per_h[own],
+            reach=self.reach if one_reach else self.reach[own],
+            wanted=wanted,
+            targets=local,
+            within=cells.part_of(grid, columns[: self.plan.dim]),
+        )
+
+    def _along(self) -> Array:
+        """Positions along the longest axis, images included."""
+        x = self.columns[: self.plan.dim]
+        return x[int(np.argmax([np.ptp(row) for row in x]))]
 
 
 @dataclass(frozen=True)

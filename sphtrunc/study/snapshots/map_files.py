@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from sphtrunc.experiment.targets import write_columns
-from sphtrunc.output import write_atomically
+from sphtrunc.output import replacing, write_atomically
 from sphtrunc.scenes.particle_files import library, vtp
 
 if TYPE_CHECKING:
@@ -19,6 +18,12 @@ if TYPE_CHECKING:
 SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
 
 
+def check(path: str | Path) -> None:
+    """Raises ValueError for a name that does not end in one of SUFFIXES."""
+    if Path(path).suffix not in SUFFIXES:
+        raise ValueError(f"output {path}: expected a name ending in {', '.join(SUFFIXES)}")
+
+
 def write(found: ErrorMap, path: str | Path) -> None:
     """The map in the format that the name of the file says.
 
@@ -26,21 +31,20 @@ def write(found: ErrorMap, path: str | Path) -> None:
     and the errors of fields at the particles, .json the summary. Raises ValueError for another
     name, and where the file cannot be written.
     """
+    check(path)
     suffix = Path(path).suffix
     if suffix == ".csv":
         write_columns(found.columns(), str(path))
     elif suffix == ".npz":
-        buffer = io.BytesIO()
-        np.savez(buffer, **found.arrays())
-        write_atomically(path, buffer.getvalue())
+        with replacing(path) as file:
+            np.savez(file, **found.arrays())
     elif suffix in (".h5", ".hdf5"):
-        write_atomically(path, _hdf5(found))
+        with replacing(path) as file:
+            _hdf5(found, file)
     elif suffix == ".json":
         write_atomically(path, found.to_json() + "\n")
-    elif suffix == ".vtp":
-        write_atomically(path, vtp(found.x, shown(found)))
     else:
-        raise ValueError(f"output {path}: expected a name ending in {', '.join(SUFFIXES)}")
+        write_atomically(path, vtp(found.x, shown(found)))
 
 
 def shown(found: ErrorMap) -> dict[str, Array]:
@@ -57,11 +61,8 @@ def shown(found: ErrorMap) -> dict[str, Array]:
     return arrays
 
 
-def _hdf5(found: ErrorMap) -> bytes:
-    h5py = library()
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w") as file:
+def _hdf5(found: ErrorMap, stream: IO[bytes]) -> None:
+    with library().File(stream, "w") as file:
         for name, values in found.arrays().items():
             file.create_dataset(name, data=values)
         file.attrs["kernel"] = found.kernel
-    return buffer.getvalue()

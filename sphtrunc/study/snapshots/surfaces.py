@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 _MOST_SPREAD = 0.03  # of γ by disorder: more than that is boundaries
-_ACROSS, _ALONG, _ANGLES = 40, 32, 16  # nodes of the half space, at least as exact as 1e-5
+_ACROSS, _ALONG, _ANGLES = 40, 32, 16  # nodes of the half space, good to 1e-4 of the whole
 _BLOCK = 64  # targets at a time
 
 

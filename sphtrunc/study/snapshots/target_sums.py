@@ -16,6 +16,7 @@ import numpy as np
 from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.small_systems import solve
 from sphtrunc.experiment.engine import prepared, threads, volumes
+from sphtrunc.experiment.engine.pairs import row_counts
 from sphtrunc.experiment.one_pass import estimates as estimated
 from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
@@ -49,12 +50,20 @@ class Asked:
     own: Array
     normals: bool
 
-    def slabs(self, count: int) -> list[tuple[Indices, Asked]]:
-        """The same in so many parts (see `Work.slabs`): which of the targets, and their part."""
-        return [
-            (which, replace(self, work=work, own=self.own[which]))
-            for which, work in self.work.slabs(count)
-        ]
+    def cut(self, count: int) -> list[Indices]:
+        """Which of the targets are in each of so many slabs (see `Work.cut`)."""
+        return self.work.cut(count)
+
+    def slab(self, which: Indices) -> Asked:
+        """What is wanted of one slab."""
+        return replace(self, work=self.work.slab(which), own=self.own[which])
+
+    @property
+    def size(self) -> int:
+        """Bytes that are held for each target while its moments are made."""
+        alphas = len(list(multi_indices(self.dim, self.degree)))
+        components = sum(len(one.components(self.dim)) for one in self.operators)
+        return 8 * (row_counts(self.work.plan)[2] + components * alphas + 8)
 
 
 def name_of(operator: Operator) -> str:
