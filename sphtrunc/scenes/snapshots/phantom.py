@@ -94,8 +94,8 @@ def table(
     counts = {TYPES.get(int(t), str(t)): int(c) for t, c in zip(present, number, strict=True)}
     keep = ~dead
     if np.any(dead):
-        # unlike walls they are no sources either: Phantom takes them out of its neighbour lists, the
-        # mass of an accreted one is in its sink, and where it was last is nowhere
+        # unlike walls they are no sources either: Phantom takes them out of its neighbour lists,
+        # and the mass of an accreted one is in its sink
         notes.append(
             f"{np.count_nonzero(dead)} dead or accreted particles (h ≤ 0) left out, as Phantom"
             " leaves them out of its sums"
