@@ -1,4 +1,4 @@
-"""README.md, the guide and the pages of the site are true: their commands run and print what they show."""
+"""README.md, guide and site are true: their commands run and print what they show."""
 
 from __future__ import annotations
 
