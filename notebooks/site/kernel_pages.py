@@ -407,7 +407,7 @@ def draw(kernel: Kernel, lattice: dict[tuple[int, str], list[float]], path: Path
         pictures.Panel(r"$h/\Delta x$", "$|M_1 - 1|$ on lattices", tuple(errors), "", *SEMILOG),
     )
     figure = pictures.draw(pictures.Picture("", kernel.name, panels, note=" "))
-    figure.set_layout_engine("none")  # the places of four panels are known
+    figure.set_layout_engine(None)  # the places of four panels are known
     figure.subplots_adjust(0.07, 0.065, 0.99, 0.94, wspace=0.16, hspace=0.19)
     with rc_context({"svg.hashsalt": kernel.name, "svg.fonttype": "path"}):
         figure.savefig(path, format="svg", metadata={"Date": None})
