@@ -6,9 +6,11 @@ order or on the number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +29,28 @@ from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.smoothing_lengths import Sloped
+
+Chunk, Done = TypeVar("Chunk"), TypeVar("Done")
+
+
+def in_order(
+    work: Callable[[Chunk], Done], chunks: Sequence[Chunk], threads: int
+) -> Iterator[Done]:
+    """work(chunk) of every chunk, in their order; where one thread is enough none is started."""
+    if threads == 1 or len(chunks) == 1:
+        yield from map(work, chunks)
+        return
+    waiting: deque[Future[Done]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for chunk in chunks:
+            waiting.append(pool.submit(work, chunk))
+            if len(waiting) > 2 * threads:  # so that memory does not grow with their number
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def evaluated(task: Task, target: Indices) -> Block:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from math import factorial, pi
@@ -26,7 +25,7 @@ from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.plain import Plain
 from sphtrunc.arithmetic.summation import Array
 from sphtrunc.experiment import nested
-from sphtrunc.experiment.blocks import evaluated
+from sphtrunc.experiment.blocks import evaluated, in_order
 from sphtrunc.experiment.fields import Sinusoid, sinusoid
 from sphtrunc.experiment.measurement import Block, Measurement
 from sphtrunc.experiment.neighbour_sums import exact_derivatives, terms_of
@@ -79,32 +78,31 @@ def waves(
     ]
     found: list[list[list[Block]]] = [[[] for _ in fields] for _ in operators]
     size = max(1, min(4096, CELLS // max(row[0].cells for row in tasks)))
-    with ThreadPoolExecutor(workers) as pool:
 
-        def run(batch: Indices, expected: int) -> None:
-            done = sum(block.target.size for block in found[0][0])
-            chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
-            for table in pool.map(partial(_look, tasks), chunks):
-                for rows, blocks in zip(found, table, strict=True):
-                    for row, block in zip(rows, blocks, strict=True):
-                        row.append(block)
-                done += table[0][0].target.size
-                if progress is not None:
-                    progress(done, expected)
+    def run(batch: Indices, expected: int) -> None:
+        done = sum(block.target.size for block in found[0][0])
+        chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
+        for table in in_order(partial(_look, tasks), chunks, workers):
+            for rows, blocks in zip(found, table, strict=True):
+                for row, block in zip(rows, blocks, strict=True):
+                    row.append(block)
+            done += table[0][0].target.size
+            if progress is not None:
+                progress(done, expected)
 
-        if rtol is None or is_still(scene):
-            chosen = _chosen(scene, targets, seed)
-            run(chosen, chosen.size)
-        else:
+    if rtol is None or is_still(scene):
+        chosen = _chosen(scene, targets, seed)
+        run(chosen, chosen.size)
+    else:
 
-            def width() -> float:
-                return max(
-                    relative_width(squares(row, operator, scene.dim))
-                    for rows, operator in zip(found, operators, strict=True)
-                    for row in rows
-                )
+        def width() -> float:
+            return max(
+                relative_width(squares(row, operator, scene.dim))
+                for rows, operator in zip(found, operators, strict=True)
+                for row in rows
+            )
 
-            until(width, rtol, scene, most, seed, run)
+        until(width, rtol, scene, most, seed, run)
     seconds = (time.perf_counter() - started) / (len(operators) * max(1, len(fields)))
     return [
         [gathered(task, row, False, seconds) for task, row in zip(tasks_of, rows, strict=True)]

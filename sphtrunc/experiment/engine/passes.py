@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -109,10 +109,32 @@ def one_pass(
     Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
     unknown engine, and where the box is smaller than twice the support.
     """
+    return prepared(
+        scene, kernel, keys, fields=fields, field_keys=field_keys, difference=difference,
+        targets=targets, precision=precision, bound=bound, quantum=quantum, workers=workers,
+        engine=engine,
+    ).run()  # fmt: skip
+
+
+def prepared(
+    scene: Particles,
+    kernel: Kernel,
+    keys: Iterable[Key] = (),
+    *,
+    fields: object = (),
+    field_keys: Iterable[Key] = (),
+    difference: bool = False,
+    targets: object = None,
+    precision: str = "plain",
+    bound: bool = False,
+    quantum: float = 0.0,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Work:
+    """The work of `one_pass`, whose arguments these are, before it is done."""
     scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
-    chosen, wanted = _targets(targets, scene.population)
     if precision not in ("plain", "compensated"):
         raise ValueError(f"precision: got {precision!r}, expected plain or compensated")
     zero = (0,) * scene.dim
@@ -128,41 +150,37 @@ def one_pass(
         bound=bound,
         quantum=quantum,
     )
-    per_h = 1.0 / scene.h
-    out, name = _summed(scene, kernel, task, values, per_h, wanted, workers, engine)
-    return Pass(task, out, per_h, chosen, keys, field_keys, name)
+    return _work(scene, kernel, task, values, targets, keys, field_keys, workers, engine)
 
 
-def _summed(
+def _work(
     scene: Particles,
     kernel: Kernel,
     task: Plan,
     values: Array,
-    per_h: Array,
-    wanted: Any,
+    targets: object,
+    keys: list[Key],
+    field_keys: list[Key],
     workers: int | None,
     engine: str | None,
-) -> tuple[Array, str]:
-    """The rows of a plan, (n, sums), and the engine that summed them.
+) -> Work:
+    """A plan on the particles, by the engine that is asked for or pays.
 
     Raises ValueError for an engine that is not there.
     """
     names = available()
     if engine is not None and engine not in names:
         raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
+    chosen, wanted = _targets(targets, scene.population)
+    per_h = 1.0 / scene.h
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
-    number = threads(workers)
     name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
         from sphtrunc.experiment.engine import cells
 
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
-    if name == "numba":
-        return cells.sums(task, columns, per_h, reach, wanted, number), name
-    from sphtrunc.experiment.engine import tree as neighbours
-
-    return neighbours.sums(task, columns, per_h, reach, wanted, number), name
+    return Work(task, columns, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
 
 
 def grouped(
@@ -181,15 +199,13 @@ def grouped(
     fields: (F, n); keys: of at most one derivative, all of a group of the same order
     """
     scene = scene.in_plain_units()
-    chosen, wanted = _targets(targets, scene.population)
     terms = [tuple(_term(key, field) for key, field in group) for group in groups]
     count = (Term(COUNT, (0,) * scene.dim, -1),)
     task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
-    per_h = 1.0 / scene.h
-    out, _ = _summed(scene, kernel, task, fields, per_h, wanted, workers, engine)
-    rows = np.ascontiguousarray(out[chosen].T)
+    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
+    rows = np.ascontiguousarray(done.rows[done.targets].T)
     seen = rows[-1].astype(np.int64) & (int(MOST) - 1)
-    scale = per_h[chosen] ** scene.dim
+    scale = done.per_h[done.targets] ** scene.dim
     for row, group in zip(rows, groups, strict=False):
         row *= scale if sum(group[0][0][0]) % 2 == 0 else -scale
     return rows[:-1], int(seen.max(initial=0))
@@ -212,7 +228,6 @@ def sizes(
     fields: (F, n), not negative
     """
     scene = scene.in_plain_units()
-    chosen, wanted = _targets(targets, scene.population)
     zero = (0,) * scene.dim
     task = _grouped_plan(
         scene,
@@ -222,9 +237,9 @@ def sizes(
         fields=len(fields),
         room=room,
     )
-    per_h = 1.0 / scene.h
-    out, _ = _summed(scene, kernel, task, fields, per_h, wanted, workers, engine)
-    return np.asarray(out[chosen].T * per_h[chosen] ** scene.dim * (1.0 + 1e-9))
+    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
+    scale = done.per_h[done.targets] ** scene.dim * (1.0 + 1e-9)
+    return np.asarray(done.rows[done.targets].T * scale)
 
 
 def _term(key: Key, field: int) -> Term:
@@ -250,6 +265,93 @@ def pair_sums(
 ) -> PairSums:
     """The sums of all targets of `one_pass`, whose arguments these are."""
     return one_pass(scene, kernel, keys, **options).sums()
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A pass over the pairs before it is made.
+
+    columns: rows of the sources, particles first, then images; reach: (n,) or (1,)
+    wanted: (n,) bool, None for all; targets: indices (T,), or the slice of all
+    within: the cells that particles are sorted into; None: those for these particles
+    """
+
+    plan: Plan
+    columns: tuple[Array, ...]
+    per_h: Array
+    reach: Array
+    wanted: Any
+    targets: Any
+    keys: list[Key]
+    field_keys: list[Key]
+    engine: str
+    workers: int | None
+    within: Any = None
+
+    def run(self) -> Pass:
+        """Make it."""
+        number = threads(self.workers)
+        if self.engine == "numba":
+            from sphtrunc.experiment.engine import cells
+
+            out = cells.sums(
+                self.plan, self.columns, self.per_h, self.reach, self.wanted, number, self.within
+            )
+        else:
+            from sphtrunc.experiment.engine import tree
+
+            out = tree.sums(self.plan, self.columns, self.per_h, self.reach, self.wanted, number)
+        return Pass(
+            self.plan, out, self.per_h, self.targets, self.keys, self.field_keys, self.engine
+        )
+
+    def cut(self, count: int) -> list[Any]:
+        """Which of the targets, (T,) of them in all, are in each of so many slabs across the
+        longest axis, as many in each."""
+        along = self._along()
+        targets = np.arange(self.per_h.size) if isinstance(self.targets, slice) else self.targets
+        order = np.argsort(along[targets], kind="stable")
+        return [np.sort(one) for one in np.array_split(order, max(1, min(count, order.size)))]
+
+    def slab(self, which: Any) -> Work:
+        """The work on one of `cut`, with the particles that its targets see and no others: its sums
+        are those of the whole to the last bit.
+
+        Raises ValueError for the NumPy engine, whose order of neighbours depends on all particles.
+        """
+        if self.engine != "numba":
+            raise ValueError(
+                "memory: slabs need the compiled engine; pip install 'sphtrunc[fast]', or leave it"
+            )
+        from sphtrunc.experiment.engine import cells
+
+        x, n = self.columns[: self.plan.dim], self.per_h.size
+        along = self._along()
+        targets = which if isinstance(self.targets, slice) else self.targets[which]
+        one_reach = self.reach.size == 1
+        far = float((self.reach if one_reach else self.reach[targets]).max()) * _REACH
+        low, high = along[targets].min() - far, along[targets].max() + far
+        seen = np.flatnonzero((along >= low) & (along <= high))
+        own = seen[: np.searchsorted(seen, n)]
+        local = np.searchsorted(own, targets)
+        wanted = np.zeros(own.size, dtype=np.bool_)
+        wanted[local] = True
+        columns = tuple(row[seen] for row in self.columns)
+        grid, _ = cells.grid_for(x, float(self.reach.max()))
+        return replace(
+            self,
+            columns=columns,
+            per_h=self.per_h[own],
+            reach=self.reach if one_reach else self.reach[own],
+            wanted=wanted,
+            targets=local,
+            within=cells.part_of(grid, columns[: self.plan.dim]),
+        )
+
+    def _along(self) -> Array:
+        """Positions along the longest axis, images included."""
+        x = self.columns[: self.plan.dim]
+        return x[int(np.argmax([np.ptp(row) for row in x]))]
 
 
 @dataclass(frozen=True)
