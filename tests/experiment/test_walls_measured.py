@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sympy import Rational
 
 from sphtrunc import Kernel, jittered, kernel, lattice, measure
 from sphtrunc.experiment.fields import Polynomial
@@ -20,6 +21,7 @@ from sphtrunc.scenes.sites import KINDS
 from sphtrunc.scenes.walls import GHOSTS
 from sphtrunc.study.comparison import compare
 from sphtrunc.theory.walls.moments import wall_lattice_moments
+from sphtrunc.theory.walls.remedies import by_gamma, semi_analytic, semi_analytic_response
 
 DEEP = settings().max_examples if settings().max_examples > 1000 else None
 
@@ -129,6 +131,35 @@ def test_fields_are_read_where_ghosts_read_them(ghosts: str) -> None:
     )
     expected = sum(c * float(derived[a] - int(a == (1,))) for a, c in field.coefficients.items())
     assert float(np.ravel(found.errors)[0]) == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize(("dim", "name"), [(1, "cubic-spline"), (2, "wendland-c2")])
+@pytest.mark.parametrize(
+    "operator",
+    [Operator("value"), Operator("gradient"), Operator("laplacian", "brookshaw")],
+    ids=str,
+)
+def test_normalised_by_gamma(dim: int, name: str, operator: Operator) -> None:
+    """Sums on particles, γ and the terms of the wall as integrals: what is measured less the limit
+    is c B₂(½) (Δx/h)² with the derived c, and the rest falls as the fourth power, or in 2D and for
+    the knots of the kernel faster than the third."""
+    shape, eta = kernel(name), Rational(1, 2)
+    limit = semi_analytic(shape, operator, dim, 2, eta)
+    response = semi_analytic_response(shape, operator, dim, 2, eta, 2)
+    assert response is not None
+    rests = []
+    for n in (9, 27):
+        ratio = Fraction(1, n)  # the wall is half-way, and so is the edge
+        scene = beside_wall(lattice(dim, dx_over_h=ratio), Fraction(1, 2), at="half-way")
+        found = measure(scene, shape, operator, moments=2, workers=1).moments
+        sums = {alpha: float(m[0]) for alpha, m in found.values.items()}
+        seen = by_gamma(shape, operator, sums, eta)
+        effect = {alpha: float(c) / -12 * float(ratio) ** 2 for alpha, c in response.items()}
+        off = {alpha: seen[alpha] - float(limit[alpha]) for alpha in seen}
+        assert max(map(abs, off.values())) > 1e-4 / n  # there is something to see
+        rests.append(max(abs(off[alpha] - effect[alpha]) for alpha in off))
+    assert rests[1] < rests[0] / 3**2.9
+    assert rests[1] < 1e-5
 
 
 def test_no_wall_no_cost() -> None:
