@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -13,13 +13,17 @@ from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
 from sphtrunc.scenes import random_numbers as jitter
 from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _stencil, _whole
-from sphtrunc.scenes.neighbourhood import EDGE, assemble
+from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, assemble
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.sites import KINDS, units
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
+
+
+#: s, (d, N, T), what is to be added to it and bounds of its errors, by axis, or no lists at all
+Offsets: TypeAlias = tuple[Array, list[Array], list[Array]]
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,10 @@ class Jittered:
         reach += self.volume == "summation"
         return _stencil(self.lattice, kernel, slack, margin, reach)
 
+    def bare(self) -> Jittered:
+        """The particles beside the wall without their ghosts."""
+        return replace(self, lattice=self.lattice.bare())
+
     def rows(self, kernel: Kernel) -> int:
         """The number of candidates that are looked at for a target."""
         return int(self._sites(kernel).shape[1])
@@ -143,15 +151,33 @@ class Jittered:
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (d, N, T), N the largest number."""
         m = self._sites(kernel, reach)
-        base, base_low = _positions(self.lattice, m, Fraction(1), extended or errors)
-        dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
+        base = _positions(self.lattice, m, Fraction(1), extended or errors)
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
         own = self._own(origin)
-        offset = np.empty((self.dim, *place.shape))
+        offset, low, error = self._offsets(base, self._displacement(place), own, extended, errors)
+        volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
+        wall = self.lattice.wall
+        if wall is not None and wall.ghosts != "none":
+            fluid = (offset, low, error)
+            return self._with_ghosts(fluid, volume, target, kernel, origin, extended, errors)
+        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+
+    def _offsets(
+        self,
+        base: tuple[Array, Array | None],
+        displacement: Iterator[Array],
+        own: list[Array],
+        extended: bool,
+        errors: bool,
+    ) -> Offsets:
+        """(base + u − u_a) Δx/h."""
+        dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
+        rows, base_low = base
+        offset = np.empty((self.dim, rows.shape[1], own[0].size))
         low, error = [], []
-        for axis, u in enumerate(self._displacement(place)):
-            row, mine = base[axis][:, None], own[axis]
+        for axis, u in enumerate(displacement):
+            row, mine = rows[axis][:, None], own[axis]
             if base_low is not None:
                 difference = two_sum(u, np.broadcast_to(-mine, u.shape))
                 both = dd_add(difference, (row, base_low[axis][:, None]))
@@ -165,8 +191,71 @@ class Jittered:
             elif errors:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
                 error.append(gap * EDGE + 2.0**-84 * np.abs(s))
-        volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
-        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+        return offset, low, error
+
+    def _with_ghosts(
+        self,
+        fluid: Offsets,
+        volume: tuple[float, float],
+        target: Indices,
+        kernel: Kernel,
+        origin: jitter.Bits,
+        extended: bool,
+        errors: bool,
+    ) -> Neighbourhood:
+        """The fluid and behind it the images of displaced particles, as the displaced target sees
+        them, or dummies, which stay where the lattice would go on."""
+        home, wall = self.lattice, self.lattice.wall
+        assert wall is not None
+        wide, own = extended or errors, self._own(origin)
+        mirrored = wall.ghosts in ("mirror", "odd")
+        shift = 2 * wall.eta / home.dx_over_h if mirrored else Fraction(0)
+        there = replace(home, offset=(home.offset[0] + shift, *home.offset[1:]), wall=None)
+        slack = self.largest * (2.0 if self.target_moves else 1.0)
+        others = _stencil(there, kernel, slack)
+        edge = -home.wall_phase
+        others = others[:, others[0] >= edge if mirrored else others[0] < edge]
+        s, s_low = _positions(there, others, Fraction(1), wide)
+        if mirrored:
+            s[0] *= -1.0  # −(x + 2η) − u_b − u_a along the normal
+            if s_low is not None:
+                s_low[0] *= -1.0
+            place = jitter.place(others)[:, None] + origin
+            moved = self._displacement(place)
+            moved = (-u if axis == 0 else u for axis, u in enumerate(moved))
+            before = _positions(home, others, Fraction(1), wide)
+            originals = self._offsets(before, self._displacement(place), own, extended, errors)
+        else:
+            none = np.zeros((others.shape[1], target.size))
+            moved = (none.copy() for _ in range(self.dim))
+        beyond = self._offsets((s, s_low), moved, own, extended, errors)
+        offset, low, error = _joined(fluid, beyond)
+        ratio = dd_from_ratio(*home.dx_over_h.as_integer_ratio())
+        far = dd_from_ratio(*(-wall.eta).as_integer_ratio())
+        step = dd_mul((-own[0], np.zeros_like(own[0])), (np.array(ratio[0]), np.array(ratio[1])))
+        ghosts = Ghosts(
+            kind=wall.ghosts,
+            rows=(np.arange(offset.shape[1]) >= fluid[0].shape[1])[:, None],
+            wall=dd_add(step, (np.array(far[0]), np.array(far[1]))),
+        )
+        if mirrored:
+            image, below, off = _joined(fluid, originals)
+            ghosts = replace(
+                ghosts,
+                image=image[0],
+                image_low=below[0] if extended else None,
+                image_error=off[0] if errors else None,
+            )
+        return Neighbourhood(
+            offset=offset,
+            volume=np.full((1, 1), volume[0]),
+            target=target,
+            offset_low=np.stack(low) if extended else None,
+            volume_low=np.full((1, 1), volume[1]) if extended else None,
+            offset_error=np.stack(error) if errors else None,
+            volume_error=np.full((1, 1), abs(volume[1]) * EDGE) if errors else None,
+            ghosts=ghosts,
+        )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -182,6 +271,16 @@ class Jittered:
             offset = offset[:, 1:-1]
         near = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
         return offset[:, near], volume[near]
+
+
+def _joined(one: Offsets, other: Offsets) -> Offsets:
+    """The rows of both, one after the other."""
+
+    def both(first: list[Array], second: list[Array]) -> list[Array]:
+        return [np.concatenate(pair) for pair in zip(first, second, strict=True)]
+
+    offset = np.concatenate([one[0], other[0]], axis=1)
+    return offset, both(one[1], other[1]), both(one[2], other[2])
 
 
 def jittered(
@@ -220,11 +319,6 @@ def jittered(
             " sorts; expected gaussian or uniform, or another lattice"
         )
     wall = lattice.wall
-    if wall is not None and wall.ghosts != "none":
-        raise ValueError(
-            f"ghosts: got {wall.ghosts} with displaced particles, which have no images; expected"
-            " none"
-        )
     if wall is not None and wall.share != 1 and lattice.wall_phase.denominator == 1:
         raise ValueError(
             "jitter: a displaced particle is not on the wall; expected wall-weight 1, or wall-at"

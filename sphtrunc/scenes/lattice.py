@@ -68,6 +68,11 @@ class Lattice:
             raise ValueError("wall: this lattice has none")
         return self.wall.phase(self.kind, self.dx_over_h, self.offset)
 
+    def bare(self) -> Lattice:
+        """The particles beside the wall without their ghosts."""
+        assert self.wall is not None
+        return replace(self, wall=replace(self.wall, ghosts="none", weight=self.wall.share))
+
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours."""
         return int(_stencil(self, kernel).shape[1])

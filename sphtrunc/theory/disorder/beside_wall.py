@@ -12,8 +12,10 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
+from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.walls import Wall
+from sphtrunc.theory.disorder.ghosts import Ghosted
 from sphtrunc.theory.disorder.prediction import SECOND_ORDER, Prediction
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, mixing, second_order
@@ -38,7 +40,7 @@ def predict_beside_wall(
 ) -> Prediction:
     """Mean and standard deviation of the moments beside a wall, as `predict` gives them without.
 
-    Raises ValueError for displaced particles with ghosts, on the wall, or in the nested form.
+    Raises ValueError for displaced particles on the wall, or in the nested form.
     """
     offset, phase = wall.placed(kind, dx_over_h, offset)
     values = wall_lattice_moments(
@@ -48,15 +50,22 @@ def predict_beside_wall(
     if sigma == 0:
         still = dict.fromkeys(mean, 0.0)
         return Prediction(sigma, distribution, mean, still, "lattice sum on one side of a wall")
-    if wall.ghosts != "none" or operator.form == NESTED:
+    if operator.form == NESTED:
         raise ValueError(
-            "jitter: beside a wall there is theory without ghosts, and not for the nested form;"
-            " expected ghosts none, and another form"
+            "jitter: beside a wall there is no theory for the nested form; expected another form"
         )
     if phase.denominator == 1 and wall.share != 1:
         raise ValueError(
             "jitter: a displaced particle is not on the wall; expected wall-weight 1, or wall-at"
             " half-way"
+        )
+    if wall.ghosts != "none":
+        return _with_ghosts(
+            Ghosted(kernel, operator, kind, dx_over_h, offset, wall, degree, axis),
+            kind,
+            mean,
+            sigma,
+            distribution,
         )
     first = ceil(-phase)
     arguments = (kernel, operator, kind, dx_over_h, offset, "constant", degree, axis)
@@ -76,3 +85,18 @@ def predict_beside_wall(
         mean |= {a: m + sigma**2 * second[a][0] for a, m in mean.items()}
     std = {a: v**0.5 for a, v in variance.items()}
     return Prediction(sigma, distribution, mean, std, f"{how} on one side of a wall")
+
+
+def _with_ghosts(
+    seen: Ghosted, kind: str, still: dict[MultiIndex, float], sigma: float, distribution: str
+) -> Prediction:
+    """Where images and dummies follow the particles."""
+    slopes, curves = seen.derivatives()
+    mixed = mixing(kind, seen.index, distribution)
+    mean, std = {}, {}
+    for alpha, value in still.items():
+        row = slopes[alpha] if mixed is None else mixed.T @ slopes[alpha]
+        std[alpha] = sigma * float((row * row).sum()) ** 0.5
+        mean[alpha] = value + (0.5 * sigma**2 * curves[alpha] if mixed is None else 0.0)
+    how = f"propagation through the lattice and its {seen.wall.ghosts} ghosts beside a wall"
+    return Prediction(sigma, distribution, mean, std, how)
