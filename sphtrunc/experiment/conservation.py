@@ -9,9 +9,10 @@ computed: the transposed matrix is compared with the rates of the catalogue, fac
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from math import fsum
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from sphtrunc.experiment.pair_matrices import Action, Part, act, same
 from sphtrunc.operators.forces import CORRECTED
 from sphtrunc.operators.h_rules import FORCE_RULES
 
+_CHUNK = 1 << 13  # particles at a time, which stay in the caches
 _COMPARED = 4096  # particles whose factors tell which matrix is another's transpose
 
 
@@ -153,15 +155,25 @@ def _defect(state: State, name: str, off: Array | None) -> tuple[Array | float, 
     return 0.0, 0.0
 
 
-def _total(terms: Array) -> float:
-    """Σ to twice the precision."""
-    high, low = compensated_total(terms.ravel())
-    return float(high + low)
+def _total(terms: Callable[[slice], Array], count: int) -> float:
+    """Σ to twice the precision, of terms that are made a part of the particles at a time."""
+    sums: list[float] = []
+    for first in range(0, count, _CHUNK):
+        high, low = compensated_total(terms(slice(first, first + _CHUNK)).ravel())
+        sums += [float(high), float(low)]
+    return fsum(sums)
+
+
+def _sum(terms: Callable[[slice], Any], count: int) -> float:
+    """Σ of positive terms, likewise."""
+    parts = (slice(first, first + _CHUNK) for first in range(0, count, _CHUNK))
+    return fsum(float(np.sum(terms(part))) for part in parts)
 
 
 def _linear(force: Action, shift: Array | float) -> Residual:
     assert force.bound is not None
-    worst = max(abs(_total(row)) for row in force.value)
+    n = force.value.shape[1]
+    worst = max(abs(_total(lambda part, row=row: row[part], n)) for row in force.value)
     bound = float(max(row.sum() for row in force.bound) + np.sum(shift))
     return _relative(worst, bound, float(force.size.sum()))
 
@@ -173,31 +185,55 @@ def _angular(
     if state.dim == 1 or state.cloud.period is not None:
         return None
     assert force.bound is not None
-    x = state.cloud.x
-    arm = x - x.mean(axis=1)[:, None]
-    span = np.abs(arm)
-    rounded = 4.0 * UNIT * span + UNIT * np.abs(x)  # of the arm, and of the product with it
+    x, value, error, sizes = state.cloud.x, force.value, force.bound, force.size
+    middle, n = x.mean(axis=1)[:, None], state.cloud.count
+    push, couple = np.broadcast_to(shift, (n,)), np.broadcast_to(turn, (n,))
     planes = [(0, 1)] if state.dim == 2 else [(1, 2), (2, 0), (0, 1)]
     worst = bound = size = 0.0
     for i, j in planes:
-        worst = max(worst, abs(_total(arm[i] * force.value[j] - arm[j] * force.value[i])))
-        size += float((span[i] * force.size[j] + span[j] * force.size[i]).sum())
-        error = span[i] * (force.bound[j] + shift) + span[j] * (force.bound[i] + shift)
-        error += rounded[i] * force.size[j] + rounded[j] * force.size[i]
-        bound = max(bound, float((error + turn).sum()))
+
+        def torque(part: slice, i: int = i, j: int = j) -> Array:
+            arm = x[:, part] - middle
+            return np.asarray(arm[i] * value[j, part] - arm[j] * value[i, part])
+
+        def whole(part: slice, i: int = i, j: int = j) -> Array:
+            span = np.abs(x[:, part] - middle)
+            return np.asarray(span[i] * sizes[j, part] + span[j] * sizes[i, part])
+
+        def off(part: slice, i: int = i, j: int = j) -> Array:
+            span = np.abs(x[:, part] - middle)
+            # of the arm, and of the product with it
+            rounded = 4.0 * UNIT * span + UNIT * np.abs(x[:, part])
+            total = span[i] * (error[j, part] + push[part])
+            total += span[j] * (error[i, part] + push[part])
+            total += rounded[i] * sizes[j, part] + rounded[j] * sizes[i, part]
+            return np.asarray(total + couple[part])
+
+        worst = max(worst, abs(_total(torque, n)))
+        size += _sum(whole, n)
+        bound = max(bound, _sum(off, n))
     return _relative(worst, bound, size)
 
 
 def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Residual:
     assert force.bound is not None
     assert rate.bound is not None
-    weight = state.per_square * state.pressure
-    work = velocity * force.value
-    heat = weight * rate.value
-    size = float((np.abs(velocity) * force.size).sum() + (np.abs(weight) * rate.size).sum())
-    bound = float((np.abs(velocity) * force.bound).sum() + (np.abs(weight) * rate.bound).sum())
-    bound += 8.0 * UNIT * size
-    return _relative(abs(_total(np.concatenate([work, heat]))), bound, size)
+    weight, n = state.per_square * state.pressure, state.cloud.count
+
+    def both(one: Array, other: Array, size: bool) -> Callable[[slice], Array]:
+        """v·one and (mP/ρ²)·other, or their sizes."""
+
+        def terms(part: slice) -> Array:
+            v, w = velocity[:, part], weight[part]
+            if size:
+                v, w = np.abs(v), np.abs(w)
+            return np.concatenate([v * one[:, part], w * other[:, part]])
+
+        return terms
+
+    size = _sum(both(force.size, rate.size, True), n)
+    bound = _sum(both(force.bound, rate.bound, True), n) + 8.0 * UNIT * size
+    return _relative(abs(_total(both(force.value, rate.value, False), n)), bound, size)
 
 
 def _relative(value: float, bound: float, size: float) -> Residual:

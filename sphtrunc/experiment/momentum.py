@@ -68,8 +68,11 @@ class State:
         """Some of the particles with the factors that they have among all."""
         cloud = replace(self.cloud, x=self.cloud.x[:, index], h=self.cloud.h[index])
         part = State(cloud, self.mass[index], self.density[index], self.pressure[index])
-        known = {
-            "_corrections": {sides: c[..., index] for sides, c in self._corrections.items()},
+        known: dict[str, Any] = {
+            "_corrections": {
+                sides: [[x[index] for x in row] for row in c]
+                for sides, c in self._corrections.items()
+            },
         }
         if "omega" in self.__dict__:
             known["omega"] = self.omega[index]
@@ -88,11 +91,23 @@ class State:
         return grad_h(scene, cloud.kernel, cloud.workers)[1]
 
     @cached_property
-    def _corrections(self) -> dict[Sides, Array]:
+    def _products(self) -> dict[Any, tuple[Array, ...]]:
+        """Factors that have been made, by what they are of: forms have many in common."""
         return {}
 
-    def correction(self, sides: Sides) -> Array:
-        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides."""
+    def product(self, one: Array, other: Array) -> Array:
+        """one·other, made once for the same two."""
+        name = id(one), id(other)
+        if name not in self._products:
+            self._products[name] = one * other, one, other  # kept, so that their ids stay theirs
+        return self._products[name][0]
+
+    @cached_property
+    def _corrections(self) -> dict[Sides, list[list[Array]]]:
+        return {}
+
+    def correction(self, sides: Sides) -> list[list[Array]]:
+        """C = B⁻¹, d rows of d (n,), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides."""
         if sides not in self._corrections:
             dim, n = self.dim, self.cloud.count
             columns = act(self.cloud, self.moment_matrix(sides))
@@ -100,8 +115,7 @@ class State:
             health = Health()
             c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
             _require(health, n, "csph")
-            rows = [np.stack([np.broadcast_to(x, (n,)) for x in row]) for row in c]
-            self._corrections[sides] = np.stack(rows)
+            self._corrections[sides] = [[np.broadcast_to(x, (n,)) for x in row] for row in c]
         return self._corrections[sides]
 
     def moment_matrix(self, sides: Sides) -> list[tuple[list[Part], Array]]:
@@ -217,7 +231,9 @@ def _ends(
         c = state.correction(FORCE_RULES[rule][0])
         axes = [(i, j) for i in range(dim) for j in range(dim)]
         rows = [
-            (left * c[i, j], right, [(i, j)]) if end == "a" else (left, right * c[i, j], [(i, j)])
+            (state.product(left, c[i][j]), right, [(i, j)])
+            if end == "a"
+            else (left, state.product(right, c[i][j]), [(i, j)])
             for i, j in axes
         ]
     for l_row, r_row, axes in rows:
@@ -227,15 +243,28 @@ def _ends(
                 yield Part(component, side, (unit(dim, axis), zero), l_part, r_row, own)
 
 
+def _weighed(
+    state: State, weight: Callable[..., Any], pressures: tuple[float, float]
+) -> tuple[Array, Array] | None:
+    """−m l and m r of the weight of one of the pressures, made once."""
+    name = weight, pressures
+    if name not in state._products:
+        found = _factors(lambda a, b: weight(*pressures, a, b), state.density)
+        left_right = () if found is None else (-state.mass * found[0], state.mass * found[1])
+        state._products[name] = left_right
+    made = state._products[name]
+    return (made[0], made[1]) if made else None
+
+
 def force_parts(state: State, force: Force, rule: str) -> list[Part]:
     """Q of m a = Q P."""
     parts: list[Part] = []
     for end, weight in (("a", force.own), ("b", force.other)):
         for own in (True, False):
             pressures = (1.0, 0.0) if own else (0.0, 1.0)
-            found = _factors(lambda a, b, p=pressures, w=weight: w(*p, a, b), state.density)
+            found = _weighed(state, weight, pressures)
             if found is not None:
-                left, right = -state.mass * found[0], state.mass * found[1]
+                left, right = found
                 parts += _ends(state, rule, force.gradient, end, left, right, own)
     return parts
 

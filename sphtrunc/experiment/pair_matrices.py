@@ -14,14 +14,14 @@ Sums run on the pair engine, with a bound of all rounding if asked for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sphtrunc.arithmetic.summation import UNIT, Array
-from sphtrunc.experiment.engine import grouped, pairs_with_terms, sizes
+from sphtrunc.experiment.engine import Grouped, grouped, pairs_with_terms, sizes
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.particles import particles
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 #: side of a pair whose h the kernel takes: mode of the engine
 SIDES = {"a": "gather", "b": "scatter", "mean": "mean"}
 _SUMS = 96  # of one pass
+_CHUNK = 1 << 13  # targets
 _FACTORS = 24  # roundings that factors l and r, fields times them, and scales are made in, at most
 
 
@@ -114,27 +115,30 @@ def act(
     Raises ValueError as the engine does.
     """
     at: Any = slice(None) if targets is None else np.asarray(targets)
-    work = _Work()
+    work, count = _Work(), cloud.h[at].size
     placed = [[*_sums_of(work, parts, field, i)] for i, (parts, field) in enumerate(requests)]
-    found = {side: work.summed(cloud, side, bound, targets) for side in work.groups}
-    result = []
-    for (_, field), rows in zip(requests, placed, strict=True):
-        scalar = field.ndim == 2
-        value, error, size = np.zeros((3, 1 if scalar else cloud.dim, cloud.h[at].size))
-        for own, axis, left, place in rows:
-            total, radius = found[place.side][place.number]
-            factor = left[at]
-            if own:
-                factor = factor * (field[axis] if scalar else field)[at]
-            term, row = factor * total, 0 if scalar else axis
-            value[row] += term
-            size[row] += np.abs(term)
-            if radius is not None:
-                error[row] += np.abs(factor) * radius
-        if bound:  # products and sums at the target
-            error += (len(rows) + 12.0) * UNIT * size
-        result.append(Action(value, error if bound else None, size))
-    return result
+    sums = {side: work.summed(cloud, side, bound, targets) for side in work.groups}
+    shapes = [(cloud.dim if field.ndim == 1 else 1, count) for _, field in requests]
+    result = [Action(*(np.zeros(shape) for _ in range(3))) for shape in shapes]
+    for first in range(0, count, _CHUNK):  # little at a time, which stays in the caches
+        part = slice(first, first + _CHUNK)
+        here = part if targets is None else at[part]
+        found = {side: one.block(part) for side, one in sums.items()}
+        for (_, field), rows, done in zip(requests, placed, result, strict=True):
+            for own, axis, left, place in rows:
+                values, radii = found[place.side]
+                factor = left[here]
+                if own:
+                    factor = factor * (field if field.ndim == 1 else field[axis])[here]
+                term, row = factor * values[place.number], min(axis, len(done.value) - 1)
+                done.value[row, part] += term
+                done.size[row, part] += np.abs(term, out=term)
+                if radii is not None:
+                    assert done.bound is not None
+                    done.bound[row, part] += np.abs(factor) * radii(place.number)
+            if done.bound is not None:  # products and sums at the target
+                done.bound[:, part] += (len(rows) + 12.0) * UNIT * done.size[:, part]
+    return [done if bound else replace(done, bound=None) for done in result]
 
 
 class _Place(NamedTuple):
@@ -165,6 +169,40 @@ def _sums_of(
             columns.setdefault(part.key, []).append(column)
         place = _Place(side, work.group(side, columns, (request, own)))
         yield own, max(axis, 0), some[0].left, place
+
+
+class _Summed(NamedTuple):
+    """The sums of a side: of the engine, the powers of h that take them to units of length, h (T,),
+    and for each of them where the bound is, its row and a factor."""
+
+    done: list[Grouped]
+    powers: list[int]
+    h: Array
+    radii: list[tuple[Grouped, int, float]] | None = None
+
+    def block(self, part: slice) -> tuple[Array, Callable[[int], Array] | None]:
+        """Of some targets, (G, T), and the bound of every one of them.
+
+        Raises ValueError where they overflow.
+        """
+        h = self.h[part]
+        scale = {p: h ** float(p) for p in set(self.powers)}
+        values = np.concatenate([one.block(part) for one in self.done])
+        with np.errstate(over="ignore", invalid="ignore"):
+            for row, power in zip(values, self.powers, strict=True):
+                row *= scale[power]
+        if not np.isfinite(values).all():
+            raise ValueError("fields: the sums overflow; expected smaller values")
+        if self.radii is None:
+            return values, None
+        radii = self.radii
+        read = {i: one.block(part) for i, one in {id(one): one for one, _, _ in radii}.items()}
+
+        def radius(number: int) -> Array:
+            one, row, factor = radii[number]
+            return np.asarray(read[id(one)][row] * (factor * scale[self.powers[number]]))
+
+        return values, radius
 
 
 class _Work:
@@ -198,58 +236,47 @@ class _Work:
         groups.setdefault(frozenset(found), set()).add(use)
         return list(groups).index(frozenset(found))
 
-    def summed(self, cloud: Cloud, side: str, bound: bool, targets: Any) -> list[tuple[Any, Any]]:
-        """Every sum of a side, (T,), in units of length, and the bound of its rounding."""
+    def summed(self, cloud: Cloud, side: str, bound: bool, targets: Any) -> _Summed:
+        """Every sum of a side, and the bounds of their rounding."""
         scene, groups = cloud.scene(side), self.groups[side]
         options = {"targets": targets, "workers": cloud.workers}
-        h = cloud.h if targets is None else cloud.h[targets]
         ordered = [sorted(group) for group in groups]
-        values: list[Array] = []
-        neighbours = 0
+        done = []
         for first in range(0, len(ordered), _SUMS):
             some = ordered[first : first + _SUMS]
             names = list(dict.fromkeys(name for group in some for _, name in group))
             rows = [[(key, names.index(name)) for key, name in group] for group in some]
-            fields = np.stack([self.columns[name][0] for name in names])
-            done, most = grouped(scene, cloud.kernel, fields, rows, **options)
-            values += list(done)
-            neighbours = max(neighbours, most)
-        alike = bool(np.all(h == 1.0))
-        scales = [None if alike else _length_power(h, group[0][0]) for group in ordered]
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = [v if s is None else v * s for v, s in zip(values, scales, strict=True)]
-        if not np.isfinite(sum(float(value.sum()) for value in values)):
-            raise ValueError("fields: the sums overflow; expected smaller values")
-        if not bound:
-            return [(value, None) for value in values]
-        radii = self._radii(cloud, side, ordered, neighbours, options)
-        radii = [r if s is None else r * s for r, s in zip(radii, scales, strict=True)]
-        return list(zip(values, radii, strict=True))
+            fields = [self.columns[name][0] for name in names]
+            done.append(grouped(scene, cloud.kernel, fields, rows, **options))
+        powers = [sum(group[0][0][1]) - sum(group[0][0][0]) for group in ordered]
+        h = cloud.h if targets is None else cloud.h[targets]
+        found = _Summed(done, powers, h)
+        if bound:
+            neighbours = max(one.neighbours for one in done)
+            found = found._replace(radii=self._radii(scene, cloud, side, neighbours, options))
+        return found
 
     def _radii(
-        self,
-        cloud: Cloud,
-        side: str,
-        ordered: list[list[tuple[Key, int]]],
-        neighbours: int,
-        options: dict[str, Any],
-    ) -> list[Array]:
-        """Bounds of the sums, (T,), in units of h: those of the same requests have one in common.
+        self, scene: Particles, cloud: Cloud, side: str, neighbours: int, options: dict[str, Any]
+    ) -> list[tuple[Grouped, int, float]]:
+        """Bounds of the sums, in units of h: where they are, and a factor. Sums of the same
+        requests have one in common.
 
         Roundings: each of the neighbours and of the group adds one, and factors and scales are made
         in at most _FACTORS. Where all have one h, |s^γ| <= κ^|γ|, and the sizes of a kernel's term
         do for its moments.
         """
-        scene, zero = cloud.scene(side), unit(cloud.dim, 0, 0)
+        groups, zero = self.groups[side], unit(cloud.dim, 0, 0)
+        ordered = [sorted(group) for group in groups]
         classes: dict[Any, list[int]] = {}
         factor = [1.0] * len(ordered)
-        for number, uses in enumerate(self.groups[side].values()):
+        for number, uses in enumerate(groups.values()):
             delta, gamma = ordered[number][0][0]
             degree = sum(gamma)
             if scene.one_h:
                 factor[number], degree = (float(cloud.kernel.support) * 1.001) ** degree, 0
             classes.setdefault((sum(delta), degree, frozenset(uses)), []).append(number)
-        result: list[Any] = [None] * len(ordered)
+        result: dict[int, tuple[Grouped, int, float]] = {}
         longest = max(len(group) for group in ordered)
         room = 1 << (neighbours + longest + _FACTORS - 1).bit_length()
         for order in dict.fromkeys(name[:2] for name in classes):
@@ -260,17 +287,14 @@ class _Work:
                 for i in numbers
                 for (delta, gamma), _ in ordered[i]
             )
-            fields = np.stack(
-                [
-                    np.maximum.reduce([self._magnitude(ordered[i]) for i in numbers])
-                    for numbers in mine
-                ]
-            )
+            fields = [
+                np.maximum.reduce([self._magnitude(ordered[i]) for i in numbers])
+                for numbers in mine
+            ]
             bounds = sizes(scene, cloud.kernel, fields, keys, room, **options)
-            for numbers, one in zip(mine, bounds, strict=True):
-                for i in numbers:
-                    result[i] = one if factor[i] == 1.0 else factor[i] * one
-        return result
+            for row, numbers in enumerate(mine):
+                result |= {i: (bounds, row, factor[i]) for i in numbers}
+        return [result[i] for i in range(len(ordered))]
 
     def _magnitude(self, group: list[tuple[Key, int]]) -> Array:
         """Σ |columns|, and what they add up, of a group."""

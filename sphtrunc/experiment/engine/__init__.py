@@ -5,6 +5,7 @@
 """
 
 from sphtrunc.experiment.engine.passes import (
+    Grouped,
     PairSums,
     Pass,
     Work,
@@ -20,6 +21,7 @@ from sphtrunc.experiment.engine.passes import (
 )
 
 __all__ = [
+    "Grouped",
     "PairSums",
     "Pass",
     "Work",

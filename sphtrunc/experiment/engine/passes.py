@@ -157,7 +157,7 @@ def _work(
     scene: Particles,
     kernel: Kernel,
     task: Plan,
-    values: Array,
+    values: Sequence[Array] | Array,
     targets: object,
     keys: list[Key],
     field_keys: list[Key],
@@ -183,49 +183,71 @@ def _work(
     return Work(task, columns, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
 
 
+@dataclass(frozen=True, eq=False)
+class Grouped:
+    """Sums as an engine left them, (n, sums), read out a part of the targets at a time.
+
+    scale: (T,) 1/h^d; sign: (G,) of the sums that are read; targets: indices (T,), or all
+    """
+
+    rows: Array
+    scale: Array
+    sign: Array
+    targets: Any
+
+    def block(self, part: slice) -> Array:
+        """(G, T) of these targets, in units of h."""
+        rows = self.rows[part] if isinstance(self.targets, slice) else self.rows[self.targets[part]]
+        found = np.array(rows[:, : self.sign.size].T, order="C")
+        found *= self.scale[part]
+        found *= self.sign[:, None]
+        return found
+
+    @property
+    def neighbours(self) -> int:
+        """How many a target has at most: the last of the rows counts them."""
+        seen = self.rows[self.targets, -1].astype(np.int64) & (int(MOST) - 1)
+        return int(seen.max(initial=0))
+
+
 def grouped(
     scene: Particles,
     kernel: Kernel,
-    fields: Array,
+    fields: Sequence[Array],
     groups: Sequence[Sequence[tuple[Key, int]]],
     *,
     targets: object = None,
     workers: int | None = None,
     engine: str | None = None,
-) -> tuple[Array, int]:
-    """Σ_b Σ (key) A_b of each group of (key, row of the fields), (G, T), without volumes, each in
-    units of h^{−d}; and how many neighbours a target has at most.
+) -> Grouped:
+    """Σ_b Σ (key) A_b of each group of (key, number of the field), without volumes.
 
-    fields: (F, n); keys: of at most one derivative, all of a group of the same order
+    fields: (n,) each; keys: of at most one derivative, all of a group of the same order
     """
     scene = scene.in_plain_units()
     terms = [tuple(_term(key, field) for key, field in group) for group in groups]
     count = (Term(COUNT, (0,) * scene.dim, -1),)
     task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
     done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
-    rows = np.ascontiguousarray(done.rows[done.targets].T)
-    seen = rows[-1].astype(np.int64) & (int(MOST) - 1)
-    scale = done.per_h[done.targets] ** scene.dim
-    for row, group in zip(rows, groups, strict=False):
-        row *= scale if sum(group[0][0][0]) % 2 == 0 else -scale
-    return rows[:-1], int(seen.max(initial=0))
+    sign = np.array([(-1.0) ** sum(group[0][0][0]) for group in groups])
+    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, sign, done.targets)
 
 
 def sizes(
     scene: Particles,
     kernel: Kernel,
-    fields: Array,
+    fields: Sequence[Array],
     keys: Iterable[Key],
     room: int,
     *,
     targets: object = None,
     workers: int | None = None,
     engine: str | None = None,
-) -> Array:
+) -> Grouped:
     """A bound of what rounding makes of Σ_b (key) A_b for any of the keys and any |A| <= the field,
-    (F, T): that of the pair formula, and `room` more roundings of every term, u each.
+    of every field: that of the pair formula, and `room` more roundings of every term, u each.
 
-    fields: (F, n), not negative
+    fields: (n,) each, not negative
     """
     scene = scene.in_plain_units()
     zero = (0,) * scene.dim
@@ -238,8 +260,8 @@ def sizes(
         room=room,
     )
     done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
-    scale = done.per_h[done.targets] ** scene.dim * (1.0 + 1e-9)
-    return np.asarray(done.rows[done.targets].T * scale)
+    more = np.full(len(fields), 1.0 + 1e-9)
+    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, more, done.targets)
 
 
 def _term(key: Key, field: int) -> Term:
@@ -472,7 +494,7 @@ def volumes(scene: Particles, kernel: Kernel) -> Array:
 
 
 def _columns(
-    scene: Particles, kernel: Kernel, task: Plan, values: Array, per_h: Array
+    scene: Particles, kernel: Kernel, task: Plan, values: Sequence[Array] | Array, per_h: Array
 ) -> tuple[tuple[Array, ...], Array, Any]:
     """Rows of the sources, images of a periodic box included; how far each target looks; which
     particle each source is, None where there are no images."""
