@@ -79,7 +79,7 @@ class State:
         if "reproducing" in self.__dict__:
             rows, off = self.reproducing
             small = [{key: c[index] for key, c in row.items()} for row in rows]
-            known["reproducing"] = small, off[index]
+            known["reproducing"] = (small, off[index])
         part.__dict__.update(known)
         return part
 

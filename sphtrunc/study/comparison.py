@@ -296,11 +296,11 @@ def predict_error(
         return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
-    slope = None
+    slope, home = _slope(scene), scene
     if isinstance(scene, Sloped):
         _require_particles(kernel, scene)
-        scene, slope = scene.base, Slope(scene.gradient, scene.rule)
-    lattice, sigma, distribution = rule(scene)
+        home = scene.base
+    lattice, sigma, distribution = rule(home)
     return predict_fields(
         kernel,
         operator,

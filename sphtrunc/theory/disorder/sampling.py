@@ -96,10 +96,10 @@ def displaced(
     for key, slope in slopes.items():
         linear[key][rows] = slope
     sources = linear if around.mixed is None else np.matmul(around.mixed.T, linear)
-    first = sigma**2 * (sources**2).sum(axis=(-2, -1))
+    square = sigma**2 * (sources**2).sum(axis=(-2, -1))
     flat = linear.reshape(*shape, -1)
     chosen = slice(None) if axis is None else slice(axis, axis + 1)
-    flat, first = flat[:, chosen], first[:, chosen]
+    flat, square = flat[:, chosen], square[:, chosen]
     lattice = around.estimates(signals, np.zeros((1, *around.points.shape)))[0][0][:, chosen]
     rounded = (ROUNDED * np.abs(lattice).max()) ** 2
     kept: list[tuple[Array, Array, Array]] = []
@@ -116,7 +116,7 @@ def displaced(
                 "correction: its matrix is near to singular at most displacements; expected more"
                 " neighbours, or less disorder"
             )
-        found = _averaged(c, t, linear, first, still)
+        found = _averaged(c, t, linear, square, still)
         whole = (still**2 + 2.0 * still * found.shift + found.second).sum(axis=(1, 2))
         if (found.known_to <= 2.0 * ENOUGH * whole + rounded).all():
             break

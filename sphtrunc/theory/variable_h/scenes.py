@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.rational import fraction
@@ -26,6 +27,7 @@ from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of, 
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
+    from sphtrunc.kernels.gaussian import Gaussian
 
 _NEAR, _FAR = 1e-5, 1e-3  # steps of first and second differences
 
@@ -133,13 +135,13 @@ class Slope:
     gradient: tuple[Fraction, ...]
     rule: str
 
-    def wider(self, kernel: Kernel) -> float:
+    def wider(self, kernel: Kernel | Gaussian) -> float:
         """How many supports of the target hold every particle that it sees.
 
         Raises ValueError where there is no end to it: |g|κ >= 1.
         """
         require_support(fraction(kernel.support), self.gradient, self.rule)
-        steep = sum(float(g) ** 2 for g in self.slopes) ** 0.5
+        steep = sqrt(sum(float(g) ** 2 for g in self.slopes))
         return 1.0 / (1.0 - steep * float(kernel.support))
 
     @property
@@ -147,7 +149,7 @@ class Slope:
         """The gradient of the h of a pair."""
         return tuple(slope_share(self.rule) * g for g in self.gradient)
 
-    def term(self, kernel: Kernel, key: Key, s: Array) -> Array:
+    def term(self, kernel: Kernel | Gaussian, key: Key, s: Array) -> Array:
         """The term of a base sum at offsets s, (…, d)."""
         import numpy as np
 
@@ -162,7 +164,7 @@ class Slope:
         return summed(kernel, key, self.gradient, self.rule)
 
 
-def term_values(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
+def term_values(kernel: Kernel | Gaussian, key: Key, s: Array, slopes: Array) -> Array:
     """H^{−d−k} s^α (−1)^k ∂^δŴ(s/H), (N,), 0 where H <= 0."""
     import numpy as np
 
