@@ -1,0 +1,303 @@
+"""The predicted error of a solution: L e = −τ, τ from theory, on the particles of a lattice between
+two plane walls, displaced or not.
+
+τ of a row is that of its plane: Σ_α M_α u^{(α)}/α! − f with the exact discrete moments of the
+lattice beside a wall (`theory.walls`). By linearity the error has parts: *smoothing*, from the
+limits of the moments; *discretisation*, from what the lattice adds to them; *wall*, from what the
+nearness of the wall adds to those.
+
+Displacements ξ of every particle, independent and of variance σ², change L and what the wall adds
+to it. With D_c = ∂L/∂ξ_c and S_c = ∂²L/∂ξ_c² (acting on the values of the fluid and of the wall),
+u the solution on the lattice and G = L⁻¹ there,
+
+    u₁ = −Σ_c ξ_c G D_c u,        ⟨u₂⟩ = −σ² G Σ_c (½ S_c u − D_c G D_c u),
+
+so that the error has a spread, of covariance σ² Σ_c e_c e_cᵀ with e_c = −G D_c u − ∂_c u (it is the
+particle that has moved), and a shift of its mean, which does not fall with the number of particles:
+at that level a form stalls. The second term of the shift is the feedback of an operator on its own
+error; for symmetric forms it is as large as the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sphtrunc.operators.operator import NESTED
+from sphtrunc.scenes.jittered import Jittered
+from sphtrunc.scenes.sites import units
+from sphtrunc.scenes.walls import PLACES, Wall
+from sphtrunc.study.flows.enclosure import planes
+from sphtrunc.study.flows.steady import system
+from sphtrunc.theory.lattice_sums import lattice_moments
+from sphtrunc.theory.limit import continuous_sum
+from sphtrunc.theory.walls.moments import wall_lattice_moments
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sphtrunc.arithmetic.summation import Array
+    from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.operators.operator import Operator
+    from sphtrunc.scenes.lattice import Lattice
+    from sphtrunc.study.flows.cases import Case
+    from sphtrunc.study.flows.enclosure import Enclosure
+    from sphtrunc.study.flows.steady import Solver, System
+
+STEP = 1e-3  # of the differences of matrices, in Δx
+GOOD_TO = 0.15  # a prediction under disorder: orders in σ beyond the second, and one realisation
+#: supports through which a particle reaches a row by way of a ghost, beside its own
+_LEVELS = {"none": 0, "mirror": 0, "dummy": 1, "extrapolate": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A channel as it was asked for: see `planes`."""
+
+    scene: Lattice | Jittered
+    kernel: Kernel
+    operator: Operator
+    counts: tuple[int, ...]
+    wall: str
+    at: object
+
+    @property
+    def home(self) -> Lattice:
+        """The lattice."""
+        return self.scene.lattice if isinstance(self.scene, Jittered) else self.scene
+
+    @property
+    def reach(self) -> int:
+        """Supports that a row sees."""
+        return 2 if self.operator.form == NESTED else 1
+
+    @property
+    def place(self) -> Fraction:
+        """Steps from a wall to the first plane."""
+        usual = "particle" if self.wall == "none" else "half-way"
+        chosen = usual if self.at is None else self.at
+        return Fraction(PLACES.get(str(chosen), chosen))  # type: ignore[arg-type]
+
+    def enclosure(self, moved: Array | None = None) -> Enclosure:
+        """Its particles."""
+        walled = [True] + [False] * (len(self.counts) - 1)
+        return planes(
+            self.scene, self.kernel, self.counts, walled, self.wall,
+            at=self.at, reach=self.reach, moved=moved,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The predicted error along the channel, plane by plane, (N,), in the size of the velocity.
+
+    smoothing, discretisation, wall: parts of the error on the lattice; shift: of its mean by
+    disorder; spread: standard deviation by disorder
+    """
+
+    smoothing: Array
+    discretisation: Array
+    wall: Array
+    shift: Array
+    spread: Array
+    weights: Array = field(repr=False)
+
+    @property
+    def mean(self) -> Array:
+        """Of the error, (N,)."""
+        return self.smoothing + self.discretisation + self.wall + self.shift
+
+    def rms(self, part: Array) -> float:
+        """Over the unknown velocities."""
+        return float(np.sqrt(np.average(part**2, weights=self.weights)))
+
+    @property
+    def total(self) -> float:
+        """The rms error."""
+        return float(np.sqrt(np.average(self.mean**2 + self.spread**2, weights=self.weights)))
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """name -> rms of each part alone."""
+        rows = {
+            "smoothing": self.smoothing,
+            "discretisation": self.discretisation,
+            "wall": self.wall,
+            "shift": self.shift,
+            "spread": self.spread,
+        }
+        return {name: self.rms(row) for name, row in rows.items()}
+
+    @property
+    def dominant(self) -> str:
+        """The largest part; "none" where all are rounding."""
+        name, size = max(self.parts.items(), key=lambda row: row[1])
+        return name if size > 0 else "none"
+
+
+def truncation(setting: Setting, case: Case) -> dict[str, Array]:
+    """τ, plane by plane, (N,): parts "smoothing", "discretisation" and "wall".
+
+    Raises ValueError where theory has no moments: for lines extrapolated beyond a wall, the nested
+    form with ghosts, and channels so narrow that a row sees both walls.
+    """
+    home, operator, kernel = setting.home, setting.operator, setting.kernel
+    if setting.wall == "extrapolate":
+        raise ValueError("there is no theory of moments beside an extrapolated wall")
+    if not case.derivatives:
+        raise ValueError(f"there is no theory for the walls of {case.name}, beside one plane only")
+    n, dim = setting.counts[0], home.dim
+    step = units(home.kind)[0] * home.dx_over_h
+    width = (n - 1 + 2 * setting.place) * step
+    h = 1.0 / float(width)
+    degree = len(case.derivatives) - 1
+    if 2 * setting.reach * float(kernel.support) > float(width):
+        raise ValueError("a row sees both walls, for which there is no theory; expected a larger N")
+    bulk = _floats(
+        lattice_moments(
+            kernel, operator, home.kind, home.dx_over_h, home.offset, degree, exact=False
+        )
+    )
+    limits = operator.correct(
+        {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}, dim, degree
+    )
+    far = _floats(limits)
+    rows: dict[str, list[float]] = {"smoothing": [], "discretisation": [], "wall": []}
+    known: dict[Fraction, dict[Any, float]] = {}
+    for plane in range(n):
+        left, right = (Fraction(k) + setting.place for k in (plane, n - 1 - plane))
+        eta = min(left, right) * step
+        field_ = case.taylor(float(left * step / width), h, dim)
+        near = bulk
+        if eta < setting.reach * Fraction(int(kernel.support.p), int(kernel.support.q)):
+            if eta not in known:
+                known[eta] = _beside(setting, eta, degree)
+            near = known[eta]
+            if right < left:  # the wall is on the other side
+                near = {alpha: m * (-1) ** alpha[0] for alpha, m in near.items()}
+
+        def estimate(moments: dict[Any, float], values: Any = field_) -> float:
+            return sum(c * moments[alpha] for alpha, c in values.items()) / h**2
+
+        rows["smoothing"].append(estimate(far) - case.forcing)
+        rows["discretisation"].append(estimate(bulk) - estimate(far))
+        rows["wall"].append(estimate(near) - estimate(bulk))
+    return {name: np.array(row) for name, row in rows.items()}
+
+
+def _floats(moments: dict[Any, Any]) -> dict[Any, float]:
+    return {alpha: float(m) for alpha, m in moments.items()}
+
+
+def _beside(setting: Setting, eta: Fraction, degree: int) -> dict[Any, float]:
+    """The moments at a distance η h from the wall at 0, whose values are given."""
+    home = setting.home
+
+    def moments(ghosts: str) -> dict[Any, float]:
+        wall = Wall(eta, setting.place % 1, ghosts)
+        return _floats(
+            wall_lattice_moments(
+                setting.kernel, setting.operator, home.kind, home.dx_over_h, home.offset, degree,
+                wall, exact=False,
+            )
+        )  # fmt: skip
+
+    if setting.wall == "none":
+        return moments("none")
+    odd = moments("odd")
+    if setting.wall == "mirror":
+        return odd
+    # 2 A_w − mean = (2 A_w − A*) + A* − mean, on the same ghosts
+    even, mean = moments("mirror"), moments("dummy")
+    return {alpha: m + even[alpha] - mean[alpha] for alpha, m in odd.items()}
+
+
+def predict(
+    setting: Setting, case: Case, enclosure: Enclosure, still: System, solver: Solver, u: Array
+) -> Predicted:
+    """The error of a case; enclosure, still, solver, u: its lattice, L there, L⁻¹, the solution.
+
+    Raises ValueError as `truncation` does.
+    """
+    plane = enclosure.index[0, still.free]
+    count = setting.counts[0]
+    tau = truncation(setting, case)
+    parts = {name: _planes(-solver(row[plane]), plane, count) for name, row in tau.items()}
+    shift, spread = np.zeros(count), np.zeros(count)
+    if isinstance(setting.scene, Jittered) and setting.scene.sigma:
+        shift, spread = disorder(setting, case, enclosure, still, solver, u)
+    kept = np.bincount(plane, minlength=count).astype(float)
+    return Predicted(**parts, shift=shift, spread=spread, weights=kept)
+
+
+def _planes(values: Array, plane: NDArray[np.int64], count: int) -> Array:
+    """The mean over every plane, 0 where a plane has no unknown."""
+    size = np.bincount(plane, minlength=count)
+    return np.asarray(np.bincount(plane, weights=values, minlength=count) / np.maximum(size, 1))
+
+
+def disorder(
+    setting: Setting, case: Case, enclosure: Enclosure, still: System, solver: Solver, u: Array
+) -> tuple[Array, Array]:
+    """Shift and spread of the error by displacements, plane by plane, (N,).
+
+    One particle of every plane is moved, planes in turn that are too far apart to share a row, and
+    all others are its translations.
+    Raises ValueError for displacements that are not independent.
+    """
+    scene = setting.scene
+    assert isinstance(scene, Jittered)
+    if scene.distribution == "blue":
+        raise ValueError("there is no theory of a solution for blue displacements, only for others")
+    free, count, spacing = still.free, setting.counts[0], enclosure.spacing
+    plane = enclosure.index[0, free]
+    _, first = np.unique(plane, return_index=True)
+    movers = free[first]  # one of every plane
+    reach = _LEVELS[setting.wall] + setting.reach
+    reach *= float(setting.kernel.support) * enclosure.h + spacing
+    stride = int(2 * reach / (float(units(setting.home.kind)[0]) * spacing)) + 2
+    mean, square = np.zeros(count), np.zeros(count)
+    for color, axis in product(range(min(stride, count)), range(enclosure.dim)):
+        chosen = movers[enclosure.index[0, movers] % stride == color]
+        if chosen.size == 0:
+            continue
+        near = _distances(enclosure, free, chosen)
+        owner, rows = near.argmin(axis=1), near.min(axis=1) <= reach
+        moved = np.zeros_like(enclosure.x)
+        moved[axis, chosen] = STEP
+        up, down = (
+            system(setting.enclosure(way), setting.kernel, setting.operator, case.u, free[rows])
+            for way in (moved, -moved)
+        )
+        slope = (up.matrix - down.matrix) / (2 * STEP)
+        climb = slope @ u + (up.known - down.known) / (2 * STEP)
+        bend = up.matrix @ u + up.known + down.matrix @ u + down.known - 2 * case.forcing
+        bend /= STEP**2
+        for k, particle in enumerate(chosen):
+            own = owner[rows] == k
+            right = np.zeros(free.size)
+            right[rows] = np.where(own, climb, 0.0)
+            answer = -solver(right)
+            back = np.where(own, 0.5 * bend + slope @ answer, 0.0)
+            # what all particles of a plane do to a row, one does to all rows of a plane
+            mean += np.bincount(plane[rows], weights=back, minlength=count)
+            if axis == 0:  # the exact velocity at the place where the particle has gone
+                at = enclosure.x[0, [particle]]
+                answer[np.searchsorted(free, particle)] -= spacing * case.derivatives[1](at)[0]
+            square += np.bincount(plane, weights=answer**2, minlength=count)
+    sigma = scene.sigma
+    return _planes(-(sigma**2) * solver(mean[plane]), plane, count), sigma * np.sqrt(square)
+
+
+def _distances(enclosure: Enclosure, rows: NDArray[np.int64], others: NDArray[np.int64]) -> Array:
+    """Between particles of the fluid, (rows, others), to the nearest image along periodic axes."""
+    s = enclosure.x[:, rows][:, :, None] - enclosure.x[:, others][:, None, :]
+    period = enclosure.particles.period
+    if period is not None:
+        for axis in np.flatnonzero(np.isfinite(period)):
+            s[axis] -= period[axis] * np.rint(s[axis] / period[axis])
+    return np.asarray(np.sqrt((s * s).sum(axis=0)))
