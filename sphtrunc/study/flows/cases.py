@@ -70,6 +70,7 @@ def _middle() -> float:
     """Of the series in the middle of the duct."""
     return float(_series(np.array([[0.5], [0.5]]))[0])
 
+
 CASES = {
     "poiseuille": Case(
         "poiseuille",

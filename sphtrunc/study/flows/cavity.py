@@ -38,7 +38,7 @@ FEWEST = 9  # particles along a side
 STEPS = 14  # of Newton's method at one Re
 TOLERANCE = 1e-9  # of the last step in ψ
 FORCING = 1e-3  # to which a step of Newton's method is solved where the factors are old
-ROUNDS = 12  # of lgmres with old factors, beyond which they are made anew
+ROUNDS = 25  # of lgmres with old factors, beyond which they are made anew
 PIVOT = 1e-3  # of a column, from which the diagonal is taken
 SMALLEST = 1.02  # ratio of two Re, below which continuation gives up
 LINE = 4001  # points at which a spline through a profile is looked at
@@ -208,9 +208,7 @@ class _Square:
         y, source, faces = reflections(x, np.ones(2), far)
         even, rise = self._even(y, source, faces)
         odd = self._odd(source, faces)
-        scene = particles(
-            np.concatenate([x, y], axis=1).T, h=self.h, volume=self.spacing**2
-        )
+        scene = particles(np.concatenate([x, y], axis=1).T, h=self.h, volume=self.spacing**2)
         rows = np.arange(self.count)
         ahead, across = (
             weights(scene, kernel, estimates.gradient, axis=axis, targets=rows) for axis in (0, 1)
@@ -252,9 +250,7 @@ class _Square:
                 some = weight > 1e-9
                 at = (low[0] + i) * self.side + low[1] + j
                 entry = (sign[which] * factor * weight)[some]
-                matrix = matrix + csr_array(
-                    (entry, (n + which[some], at[some])), shape=(total, n)
-                )
+                matrix = matrix + csr_array((entry, (n + which[some], at[some])), shape=(total, n))
         return csr_array(matrix)
 
     def profile(self, re: float, psi: Array, omega: Array, steps: int) -> Profile:

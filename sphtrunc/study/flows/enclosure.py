@@ -109,7 +109,7 @@ def planes(
 
     Raises ValueError for what is out of range, and where nothing gives the flow the wall's values.
     """
-    _known(wall)
+    known(wall)
     home = scene.lattice if isinstance(scene, Jittered) else scene
     place = PLACES.get(str(at), at) if at is not None else PLACES[_usual(wall)]
     made = box(home, counts, walled=walled, at=place)
@@ -149,7 +149,7 @@ def planes(
     found = (
         _mirrored(fluid, ends, far, cell)
         if wall == "mirror"
-        else _dummies(fluid, kernel, ghosts, np.clip(ghosts.T, 0.0, ends).T, wall, cell)
+        else with_dummies(fluid, kernel, ghosts, np.clip(ghosts, 0.0, ends[:, None]), wall, cell)
     )
     return scaled(found, scale, wall, on_wall, float(home.dx_over_h), m)
 
@@ -158,7 +158,8 @@ def _usual(wall: str) -> str:
     return "particle" if wall == "none" else "half-way"
 
 
-def _known(wall: str) -> None:
+def known(wall: str) -> None:
+    """Raises ValueError for what is no wall."""
     if wall not in WALLS:
         raise ValueError(f"wall: got {wall!r}, expected one of {', '.join(WALLS)}")
 
@@ -247,8 +248,8 @@ def feet(x: Array, ends: Array, faces: Array) -> list[tuple[Indices, float, Arra
     return found
 
 
-def _mirrored(fluid: Particles, ends: Array, far: float, cell: float) -> Beyond:
-    """The fluid with its odd images."""
+def _mirrored(fluid: Particles, ends: Array, far: float, cell: float | None) -> Beyond:
+    """The fluid with its odd images; cell: their volume, None for that of their originals."""
     from scipy.sparse import csr_array
 
     n = fluid.population
@@ -261,20 +262,21 @@ def _mirrored(fluid: Particles, ends: Array, far: float, cell: float) -> Beyond:
     continued = csr_array((values, (np.arange(total), columns)), shape=(total, n))
     parts = feet(fluid.x[:, source], ends, faces)
     row = np.concatenate([which + n for which, _, _ in parts] or [np.empty(0, dtype=np.int64)])
-    factor = np.concatenate(
-        [sign[which] * c for which, c, _ in parts] or [np.empty(0)]
-    )
+    factor = np.concatenate([sign[which] * c for which, c, _ in parts] or [np.empty(0)])
     points = np.concatenate([foot for _, _, foot in parts] or [np.empty((fluid.dim, 0))], axis=1)
     given = csr_array((factor, (row, np.arange(row.size))), shape=(total, row.size))
-    return Beyond(_joined(fluid, y, cell), n, continued, points, given)
+    assert fluid.given is not None
+    volume = fluid.given[source] if cell is None else cell
+    return Beyond(joined(fluid, y, volume), n, continued, points, given)
 
 
-def _joined(fluid: Particles, ghosts: Array, cell: float) -> Particles:
+def joined(fluid: Particles, ghosts: Array, volume: Array | float) -> Particles:
+    """The fluid and behind it ghosts (d, G), of one h."""
     assert fluid.given is not None
     return particles(
         np.concatenate([fluid.x, ghosts], axis=1).T,
         h=float(fluid.h[0]),
-        volume=np.concatenate([fluid.given, np.full(ghosts.shape[1], cell)]),
+        volume=np.concatenate([fluid.given, np.broadcast_to(volume, ghosts.shape[1])]),
         period=fluid.period,
     )
 
@@ -296,7 +298,7 @@ def _beyond(
     return np.asarray((m + steps[:, None]) * length[:, None])
 
 
-def _dummies(
+def with_dummies(
     fluid: Particles, kernel: Kernel, ghosts: Array, foot: Array, wall: str, cell: float
 ) -> Beyond:
     """The fluid with dummies (d, G), their feet on the wall (d, G), that carry 2 A_w less a Shepard
@@ -305,7 +307,7 @@ def _dummies(
 
     n = fluid.population
     around = foot if wall == "extrapolate" else ghosts
-    row, column, weight = _seen(fluid, kernel, around)
+    row, column, weight = seen(fluid, kernel, around)
     kept, row = np.unique(row, return_inverse=True)  # the others are seen by no fluid either
     ghosts, foot = ghosts[:, kept], foot[:, kept]
     count = kept.size
@@ -324,7 +326,7 @@ def _dummies(
     unit = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
     at = np.arange(count)
     return Beyond(
-        _joined(fluid, ghosts, cell),
+        joined(fluid, ghosts, cell),
         n,
         csr_array(vstack([unit, ghost])) if count else unit,
         foot,
@@ -332,7 +334,7 @@ def _dummies(
     )
 
 
-def _seen(fluid: Particles, kernel: Kernel, at: Array) -> tuple[Indices, Indices, Array]:
+def seen(fluid: Particles, kernel: Kernel, at: Array) -> tuple[Indices, Indices, Array]:
     """Pairs (place, fluid particle) within the support, and W V of them, for places (d, G)."""
     if at.shape[1] == 0:
         none = np.empty(0, dtype=np.int64)
@@ -356,3 +358,83 @@ def _seen(fluid: Particles, kernel: Kernel, at: Array) -> tuple[Indices, Indices
     q = np.concatenate(distances)[order] / float(fluid.h[0])
     assert fluid.given is not None
     return row, column, np.asarray(kernel.w(q, fluid.dim)) * fluid.given[column]
+
+
+def bounded(
+    scene: Particles, kernel: Kernel, wall: str, *, reach: int = 1
+) -> tuple[Enclosure, int]:
+    """Somebody's particles between two walls normal to the first axis, and how many are across: the
+    ends of their periodic box, or, where the file has wall particles, half-way between these and
+    the fluid. Dummies are the wall particles.
+
+    Raises ValueError for particles without a box and walls, for dummies without wall particles, for
+    volumes that are not given, and for fewer than 5 particles across.
+    """
+    known(wall)
+    if scene.given is None:
+        raise ValueError("particles: a flow needs a volume for each, m/ρ; got none")
+    solid = scene.walls if scene.walls is not None else np.zeros(scene.population, dtype=bool)
+    x, fluid_x = scene.x, scene.x[:, ~solid]
+    if wall == "none":
+        raise ValueError(
+            "wall: no particles are on the walls, so that with none nothing gives the flow its"
+            " values there: the problem is pure Neumann; expected mirror, dummy or extrapolate"
+        )
+    if wall in ("dummy", "extrapolate") and not solid.any():
+        raise ValueError(
+            f"wall: {wall} needs wall particles, and these have none; expected mirror, or a file"
+            " with boundary particles"
+        )
+    period = scene.period
+    if solid.any():
+        low, high = float(fluid_x[0].min()), float(fluid_x[0].max())
+        below, above = x[0, solid & (x[0] < low)], x[0, solid & (x[0] > high)]
+        if not below.size or not above.size:
+            raise ValueError(
+                "particles: expected wall particles below and above the fluid along the first axis"
+            )
+        ends = 0.5 * (low + float(below.max())), 0.5 * (high + float(above.min()))
+    elif period is not None and np.isfinite(period[0]):
+        ends = 0.0, float(period[0])
+        fluid_x = fluid_x.copy()
+        fluid_x[0] = np.mod(fluid_x[0], ends[1])
+    else:
+        raise ValueError(
+            "particles: no wall particles and no box along the first axis say where the walls are;"
+            " expected either"
+        )
+    width = ends[1] - ends[0]
+    spacing = float(np.median(scene.given[~solid]) ** (1.0 / scene.dim))
+    across = round(width / spacing)
+    if across < FEWEST:
+        raise ValueError(f"particles: got {across} across, expected {FEWEST} or more")
+    h = float(scene.h[0])
+    if not np.all(scene.h == h):
+        raise ValueError("particles: expected one smoothing length for all, as --h gives")
+    unit = 1.0 / h
+    shifted = fluid_x.copy()
+    shifted[0] -= ends[0]
+    open_ = np.full(scene.dim, np.inf)
+    if period is not None:
+        open_[1:] = period[1:] * unit
+    fluid = particles(
+        (shifted * unit).T, h=1.0, volume=scene.given[~solid] * unit**scene.dim,
+        period=None if np.all(np.isinf(open_)) else open_,
+    )  # fmt: skip
+    box_ends = np.full(scene.dim, np.inf)
+    box_ends[0] = width * unit
+    far, cell = reach * float(kernel.support), (spacing * unit) ** scene.dim
+    if wall == "mirror":
+        found = _mirrored(fluid, box_ends, far, None)
+    else:
+        ghosts = x[:, solid].copy()
+        ghosts[0] -= ends[0]
+        ghosts *= unit
+        found = with_dummies(
+            fluid, kernel, ghosts, np.clip(ghosts, 0.0, box_ends[:, None]), wall, cell
+        )
+    count = fluid.population
+    index = np.zeros((scene.dim, count), dtype=np.int64)
+    index[0] = np.minimum((fluid.x[0] / box_ends[0] * across).astype(np.int64), across - 1)
+    on_wall = np.zeros(count, dtype=bool)
+    return scaled(found, h / width, wall, on_wall, spacing * unit, index), across

@@ -16,11 +16,15 @@ so that the error has a spread, of covariance σ² Σ_c e_c e_cᵀ with e_c = �
 particle that has moved), and a shift of its mean, which does not fall with the number of particles:
 at that level a form stalls. The second term of the shift is the feedback of an operator on its own
 error; for symmetric forms it is as large as the first.
+
+The series is one in ε = rms of Σ_c ξ_c G D_c v over that of v, v of all waves alike: where short
+waves are nearly without resistance, as in forms made of ∇²W, it is not small, and averages over
+displacements of other seeds take the place of the series.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -32,7 +36,7 @@ from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.sites import units
 from sphtrunc.scenes.walls import PLACES, Wall
 from sphtrunc.study.flows.enclosure import planes
-from sphtrunc.study.flows.steady import system
+from sphtrunc.study.flows.steady import Solver, system
 from sphtrunc.theory.lattice_sums import lattice_moments
 from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.theory.walls.moments import wall_lattice_moments
@@ -46,12 +50,14 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.lattice import Lattice
     from sphtrunc.study.flows.cases import Case
     from sphtrunc.study.flows.enclosure import Enclosure
-    from sphtrunc.study.flows.steady import Solver, System
+    from sphtrunc.study.flows.steady import System
 
 STEP = 1e-3  # of the differences of matrices, in Δx
-GOOD_TO = 0.15  # a prediction under disorder: orders in σ beyond the second, and one realisation
+SMALL = 0.25  # ε up to which two orders in σ are taken
+DRAWS = 8  # of displacements, beyond
 #: supports through which a particle reaches a row by way of a ghost, beside its own
 _LEVELS = {"none": 0, "mirror": 0, "dummy": 1, "extrapolate": 2}
+EXACT = "exact moments of the lattice beside the wall"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +103,8 @@ class Predicted:
 
     smoothing, discretisation, wall: parts of the error on the lattice; shift: of its mean by
     disorder; spread: standard deviation by disorder
+    how: what the disorder rests on; known_to: the part of the total that this leaves open; scatter:
+    the standard deviation of the rms error of one arrangement, as a part of it
     """
 
     smoothing: Array
@@ -104,6 +112,9 @@ class Predicted:
     wall: Array
     shift: Array
     spread: Array
+    how: str
+    known_to: float
+    scatter: float
     weights: Array = field(repr=False)
 
     @property
@@ -227,11 +238,52 @@ def predict(
     count = setting.counts[0]
     tau = truncation(setting, case)
     parts = {name: _planes(-solver(row[plane]), plane, count) for name, row in tau.items()}
-    shift, spread = np.zeros(count), np.zeros(count)
-    if isinstance(setting.scene, Jittered) and setting.scene.sigma:
-        shift, spread = disorder(setting, case, enclosure, still, solver, u)
     kept = np.bincount(plane, minlength=count).astype(float)
-    return Predicted(**parts, shift=shift, spread=spread, weights=kept)
+    none = np.zeros(count)
+    if not (isinstance(setting.scene, Jittered) and setting.scene.sigma):
+        return Predicted(
+            **parts, shift=none, spread=none, how=EXACT, known_to=0.0, scatter=0.0, weights=kept
+        )
+    error = sum(parts.values())
+    shift, spread, small, together = disorder(setting, case, enclosure, still, solver, u)
+    if small <= SMALL:
+        how, known = f"two orders in σ, ε = {small:.2g}", small**2
+        mean = kept * (error + shift) / kept.sum()
+        square = np.average((error + shift) ** 2 + spread**2, weights=kept)
+        # of the mean square: of what is the same along the walls, which alone does not average out
+        variance = 4.0 * mean @ together @ mean + 2.0 * np.sum(together**2) / count**2
+        scatter = float(0.5 * variance**0.5 / square)
+    else:
+        shift, spread, scatter = sampled(setting, case, plane, error)
+        known = 3.0 * scatter / DRAWS**0.5
+        how = f"averages over {DRAWS} other displacements, as ε = {small:.2g} is not small"
+    return Predicted(
+        **parts, shift=shift, spread=spread, how=how, known_to=known, scatter=scatter, weights=kept
+    )
+
+
+def sampled(
+    setting: Setting, case: Case, plane: NDArray[np.int64], still: Array
+) -> tuple[Array, Array, float]:
+    """Shift and spread, (N,), over displacements of other seeds, and the standard deviation of the
+    rms error as a part of it; still: the error on the lattice, (N,)."""
+    scene = setting.scene
+    assert isinstance(scene, Jittered)
+    count = setting.counts[0]
+    total, squares, sizes = np.zeros(count), np.zeros(count), []
+    for draw in range(1, DRAWS + 1):
+        other = replace(setting, scene=replace(scene, seed=scene.seed + draw))
+        enclosure = other.enclosure()
+        found = system(enclosure, setting.kernel, setting.operator, case.u)
+        u = Solver(found.matrix, enclosure.dim)(case.forcing - found.known)
+        error = u - case.u(enclosure.x[:, found.free])
+        total += _planes(error, plane, count)
+        squares += _planes(error**2, plane, count)
+        sizes.append(float(np.mean(error**2)))
+    mean = total / DRAWS
+    spread = np.sqrt(np.maximum(squares / DRAWS - mean**2, 0.0))
+    scatter = 0.5 * float(np.std(sizes, ddof=1) / np.mean(sizes))
+    return np.where(squares > 0, mean - still, 0.0), spread, scatter
 
 
 def _planes(values: Array, plane: NDArray[np.int64], count: int) -> Array:
@@ -242,8 +294,9 @@ def _planes(values: Array, plane: NDArray[np.int64], count: int) -> Array:
 
 def disorder(
     setting: Setting, case: Case, enclosure: Enclosure, still: System, solver: Solver, u: Array
-) -> tuple[Array, Array]:
-    """Shift and spread of the error by displacements, plane by plane, (N,).
+) -> tuple[Array, Array, float, Array]:
+    """Shift and spread of the error by displacements, plane by plane, (N,), ε, and the covariance
+    of the means of planes, (N, N).
 
     One particle of every plane is moved, planes in turn that are too far apart to share a row, and
     all others are its translations.
@@ -260,7 +313,10 @@ def disorder(
     reach = _LEVELS[setting.wall] + setting.reach
     reach *= float(setting.kernel.support) * enclosure.h + spacing
     stride = int(2 * reach / (float(units(setting.home.kind)[0]) * spacing)) + 2
-    mean, square = np.zeros(count), np.zeros(count)
+    mean, square, echo = np.zeros(count), np.zeros(count), 0.0
+    together = np.zeros((count, count))
+    size = np.maximum(np.bincount(plane, minlength=count), 1)
+    rough = np.where(np.sin(1.0 + np.arange(free.size) ** 2) > 0, 1.0, -1.0)
     for color, axis in product(range(min(stride, count)), range(enclosure.dim)):
         chosen = movers[enclosure.index[0, movers] % stride == color]
         if chosen.size == 0:
@@ -277,6 +333,7 @@ def disorder(
         climb = slope @ u + (up.known - down.known) / (2 * STEP)
         bend = up.matrix @ u + up.known + down.matrix @ u + down.known - 2 * case.forcing
         bend /= STEP**2
+        test = slope @ rough
         for k, particle in enumerate(chosen):
             own = owner[rows] == k
             right = np.zeros(free.size)
@@ -289,8 +346,13 @@ def disorder(
                 at = enclosure.x[0, [particle]]
                 answer[np.searchsorted(free, particle)] -= spacing * case.derivatives[1](at)[0]
             square += np.bincount(plane, weights=answer**2, minlength=count)
+            level = np.bincount(plane, weights=answer, minlength=count) / np.sqrt(size)
+            together += np.outer(level, level)
+            right[rows] = np.where(own, test, 0.0)
+            echo += float((solver(right) ** 2).sum()) / movers.size
     sigma = scene.sigma
-    return _planes(-(sigma**2) * solver(mean[plane]), plane, count), sigma * np.sqrt(square)
+    shift = _planes(-(sigma**2) * solver(mean[plane]), plane, count)
+    return shift, sigma * np.sqrt(square), sigma * echo**0.5, sigma**2 * together
 
 
 def _distances(enclosure: Enclosure, rows: NDArray[np.int64], others: NDArray[np.int64]) -> Array:

@@ -1,10 +1,9 @@
-"""Steady flows: L u = f on the particles of an enclosure, what amplifies its error, how it decays."""
+"""Steady flows: L u = f on the particles of an enclosure, what amplifies its error, its decay."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +20,8 @@ if TYPE_CHECKING:
 
 DIRECT = 12_000  # unknowns in 3D up to which a system is factorised; in 2D all are
 TOLERANCE = 1e-11  # of the residual of an iterative solution
-DROPPED = 1e-3  # of an incomplete factorisation
-FILL = 8.0  # of an incomplete factorisation, times the entries of the matrix
+DROPPED = 0.02  # of an incomplete factorisation
+FILL = 2.0  # of an incomplete factorisation, times the entries of the matrix
 SINGULAR = 1e-3  # of the smallest eigenvalue over the exact one: below, the system is singular
 
 
@@ -165,7 +164,7 @@ def amplification(solver: Solver) -> float | None:
 @dataclass(frozen=True, eq=False)
 class Mode:
     """An eigenvalue of −L, by which a transient decays (grows, where its real part is negative),
-    and its eigenvector (m,); waves: how many sign changes per particle along the steepest axis."""
+    and its eigenvector (m,), the real part of it, of size 1."""
 
     value: complex
     vector: Array
@@ -204,14 +203,3 @@ def roughness(mode: Array, index: NDArray[np.int64]) -> Array:
         strong = np.abs(mode[here] * mode[there]) > 1e-6
         result.append(float(np.mean((mode[here] * mode[there] < 0)[strong])) if strong.any() else 0)
     return np.array(result)
-
-
-def exact_slowest(walls: int) -> float:
-    """Of −∇² between so many pairs of walls at unit distance."""
-    return walls * pi**2
-
-
-def planewise(values: Array, plane: NDArray[np.int64], counts: Sequence[int]) -> Array:
-    """The mean over every plane of the first axis, (counts[0],), NaN-free where each has some."""
-    total = np.bincount(plane, weights=values, minlength=counts[0])
-    return np.asarray(total / np.maximum(np.bincount(plane, minlength=counts[0]), 1))
