@@ -235,7 +235,10 @@ def steady_text(found: Steady) -> list[str]:
         ratio = (
             "both are rounding" if found.ratio is None else f"measured/predicted {found.ratio:.4f}"
         )
-        good = f", good to {100 * expected.known_to:.2g} %" if expected.known_to else ""
+        good = ""
+        if expected.known_to:
+            good = f", good to {percent(expected.known_to)}, and one arrangement scatters by"
+            good += f" {percent(expected.scatter)}"
         lines.append(f"Predicted rms error {expected.total:.4e}{good}; {ratio} ({expected.how}).")
         parts = [f"{name} {size:.3e}" for name, size in expected.parts.items() if size]
         if parts:

@@ -17,9 +17,10 @@ particle that has moved), and a shift of its mean, which does not fall with the 
 at that level a form stalls. The second term of the shift is the feedback of an operator on its own
 error; for symmetric forms it is as large as the first.
 
-The series is one in ε = rms of Σ_c ξ_c G D_c v over that of v, v of all waves alike: where short
-waves are nearly without resistance, as in forms made of ∇²W, it is not small, and averages over
-displacements of other seeds take the place of the series.
+The series is one in ε = rms of Σ_c ξ_c G D_c v over that of v, the largest for waves v that change
+sign from particle to particle: where these are nearly without resistance, as in forms made of ∇²W,
+it is not small, and averages over displacements of other seeds take the place of the series. Where
+it is larger still, some arrangements are all but singular, and there is no average.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 STEP = 1e-3  # of the differences of matrices, in Δx
 SMALL = 0.25  # ε up to which two orders in σ are taken
 DRAWS = 8  # of displacements, beyond
+RARE = 10.0  # of the median of a mean square: a draw above shows that averages are of rare events
 #: supports through which a particle reaches a row by way of a ghost, beside its own
 _LEVELS = {"none": 0, "mirror": 0, "dummy": 1, "extrapolate": 2}
 EXACT = "exact moments of the lattice beside the wall"
@@ -266,7 +268,10 @@ def sampled(
     setting: Setting, case: Case, plane: NDArray[np.int64], still: Array
 ) -> tuple[Array, Array, float]:
     """Shift and spread, (N,), over displacements of other seeds, and the standard deviation of the
-    rms error as a part of it; still: the error on the lattice, (N,)."""
+    rms error as a part of it; still: the error on the lattice, (N,).
+
+    Raises ValueError where a few draws have all of the error.
+    """
     scene = setting.scene
     assert isinstance(scene, Jittered)
     count = setting.counts[0]
@@ -282,6 +287,12 @@ def sampled(
         sizes.append(float(np.mean(error**2)))
     mean = total / DRAWS
     spread = np.sqrt(np.maximum(squares / DRAWS - mean**2, 0.0))
+    if max(sizes) > RARE * np.median(sizes):
+        low, high = min(sizes) ** 0.5, max(sizes) ** 0.5
+        raise ValueError(
+            f"of {DRAWS} other displacements some make the operator all but singular (errors from"
+            f" {low:.2g} to {high:.2g}), so that there is no average"
+        )
     scatter = 0.5 * float(np.std(sizes, ddof=1) / np.mean(sizes))
     return np.where(squares > 0, mean - still, 0.0), spread, scatter
 
@@ -313,10 +324,10 @@ def disorder(
     reach = _LEVELS[setting.wall] + setting.reach
     reach *= float(setting.kernel.support) * enclosure.h + spacing
     stride = int(2 * reach / (float(units(setting.home.kind)[0]) * spacing)) + 2
-    mean, square, echo = np.zeros(count), np.zeros(count), 0.0
+    rough = _sawteeth(enclosure.index[:, free])
+    mean, square, echo = np.zeros(count), np.zeros(count), np.zeros(rough.shape[1])
     together = np.zeros((count, count))
     size = np.maximum(np.bincount(plane, minlength=count), 1)
-    rough = np.where(np.sin(1.0 + np.arange(free.size) ** 2) > 0, 1.0, -1.0)
     for color, axis in product(range(min(stride, count)), range(enclosure.dim)):
         chosen = movers[enclosure.index[0, movers] % stride == color]
         if chosen.size == 0:
@@ -348,11 +359,23 @@ def disorder(
             square += np.bincount(plane, weights=answer**2, minlength=count)
             level = np.bincount(plane, weights=answer, minlength=count) / np.sqrt(size)
             together += np.outer(level, level)
-            right[rows] = np.where(own, test, 0.0)
-            echo += float((solver(right) ** 2).sum()) / movers.size
+            push = np.zeros((free.size, rough.shape[1]))
+            push[rows] = np.where(own[:, None], test, 0.0)
+            echo += (solver(push) ** 2).sum(axis=0) / movers.size
     sigma = scene.sigma
     shift = _planes(-(sigma**2) * solver(mean[plane]), plane, count)
-    return shift, sigma * np.sqrt(square), sigma * echo**0.5, sigma**2 * together
+    return shift, sigma * np.sqrt(square), sigma * float(echo.max()) ** 0.5, sigma**2 * together
+
+
+def _sawteeth(index: NDArray[np.int64]) -> Array:
+    """Waves that change sign from particle to particle along some of the axes, and one that looks
+    random, (n, 2^d)."""
+    signs = 1.0 - 2.0 * (index % 2)
+    waves = [np.where(np.sin(1.0 + np.arange(index.shape[1]) ** 2) > 0, 1.0, -1.0)]
+    for axes in product((False, True), repeat=len(index)):
+        if any(axes):
+            waves.append(np.prod(signs[list(axes)], axis=0))
+    return np.stack(waves, axis=1)
 
 
 def _distances(enclosure: Enclosure, rows: NDArray[np.int64], others: NDArray[np.int64]) -> Array:
