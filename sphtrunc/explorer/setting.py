@@ -60,9 +60,7 @@ class Setting:
             if value < 0 or (value == 0 and name != "jitter"):
                 raise ValueError(f"{shown}: got {value}, expected a positive number")
             object.__setattr__(self, name, value)
-        self.operator.require_pairs(
-            not self.jitter and in_pairs(self.lattice, (0,) * self.dim)
-        )
+        self.operator.require_pairs(not self.jitter and in_pairs(self.lattice, (0,) * self.dim))
 
     @property
     def operator(self) -> Operator:

@@ -63,7 +63,13 @@ function tickText(x, log) {
   return factor === 1 ? `10${up}` : `${factor}·10${up}`;
 }
 
-function axes(x, y, xLabel, yLabel) {
+/** A power as it is read: Δx, Δx² or Δx^(2/5). */
+function powerText(base, exponent) {
+  if (exponent === "1") return base;
+  return /^\d$/.test(exponent) ? base + "⁰¹²³⁴⁵⁶⁷⁸⁹"[exponent] : `${base}^(${exponent})`;
+}
+
+function axes(x, y, xLabel) {
   const { width, height, left, right, top, bottom } = FRAME;
   const group = drawn("g");
   for (const value of ticks(x)) {
@@ -82,7 +88,6 @@ function axes(x, y, xLabel, yLabel) {
     drawn("rect", { class: "axis", x: left, y: top, width: width - left - right, height: height - top - bottom }),
     drawn("text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, xLabel),
   );
-  if (yLabel) group.append(drawn("text", { x: left + 5, y: top + 13 }, yLabel));
   return group;
 }
 
@@ -103,9 +108,17 @@ function legend(names) {
   for (const [name, text] of names) {
     const sample = drawn("svg", { width: 34, height: 10, "aria-hidden": "true" },
       drawn("line", { class: `curve ${name}`, x1: 1, x2: 33, y1: 5, y2: 5 }));
-    list.append(sample, ` ${text}   `);
+    list.append(element("span", { class: "key" }, sample, ` ${text}`), " ");
   }
   return list;
+}
+
+function tableOf(head, rows) {
+  const said = (x) => (typeof x === "number" ? datum(x) : String(x));
+  const row = (cells, kind, made) => element("tr", {}, ...cells.map((x) => element(kind, {}, made(x))));
+  return element("table", {},
+    element("thead", {}, row(head, "th", String)),
+    element("tbody", {}, ...rows.map((cells) => row(cells, "td", said))));
 }
 
 /** Fill a figure: title, picture that is described in words, legend, caption, and its numbers. */
@@ -117,11 +130,8 @@ function fill(id, { title, picture, says, names = [], caption, head, rows }) {
   const table = element("details", {}, element("summary", {}, "Numbers of this figure"));
   const write = () => {
     if (!table.open || table.querySelector("table")) return;
-    table.append(element("div", { tabindex: "0", role: "region", "aria-label": `Numbers: ${title}` },
-      element("table", {},
-        element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))),
-        element("tbody", {}, ...rows().map((row) => element("tr", {},
-          ...row.map((x) => element("td", {}, typeof x === "number" ? datum(x) : String(x ?? ""))))))))));
+    const region = { tabindex: "0", role: "region", "aria-label": `Numbers: ${title}` };
+    table.append(element("div", region, tableOf(head, rows())));
   };
   table.addEventListener("toggle", write);
   figure.replaceChildren(element("h3", {}, title), picture, legend(names),

@@ -29,7 +29,7 @@ function drawKernel({ kernel, dim, lattice, dxOverH }) {
   const x = inX(0, kernel.support);
   const y = inY(-1.08, 1.08);
   const svg = picture();
-  svg.append(axes(x, y, "q = r/h", ""));
+  svg.append(axes(x, y, "q = r/h"));
   values.forEach((row, m) => svg.append(
     curve(at.map((q, i) => [q, row[i] / largest[m]]), x, y, names[m][0])));
   const shells = [...new Set(neighbours(lattice, dxOverH, kernel.support)
@@ -45,7 +45,8 @@ function drawKernel({ kernel, dim, lattice, dxOverH }) {
     says: `${kernel.name}: w, w′ and w″ against q from 0 to ${short(kernel.support)}, each over its`
       + ` largest value; particles of the lattice are at ${shells.length} distances.`,
     names,
-    caption: `Each over its largest value. W(0) = ${short(sigma * kernel.shape(0), 6)} h^−${dim}. Short`
+    caption: `Each over its largest value. W(0) = ${short(sigma * kernel.shape(0), 6)} /`
+      + `${powerText("h", String(dim))}. Short`
       + " lines on the axis: distances at which there are particles.",
     head: ["q", "Ŵ", "Ŵ′", "Ŵ″"],
     rows: () => at.filter((_, i) => i % 10 === 0)
@@ -73,7 +74,6 @@ function drawLattice({ kernel, dim, lattice, dxOverH, hOverLambda }, name) {
   }
   const circle = (r, kind) => drawn("circle", { class: `curve ${kind}`, cx: middle[0], cy: middle[1], r: r * unit });
   svg.append(circle(kernel.support, "total"), circle(1, "smoothing"));
-  const bar = Math.min(1 / hOverLambda, 2 * reach) * unit;
   const base = FRAME.height - 14;
   svg.append(
     drawn("line", { class: "axis", x1: 8, x2: 8 + dxOverH * unit, y1: base, y2: base }),
@@ -81,7 +81,6 @@ function drawLattice({ kernel, dim, lattice, dxOverH, hOverLambda }, name) {
     drawn("text", { x: FRAME.width - 8, y: base + 4, "text-anchor": "end" },
       `λ = ${short(1 / hOverLambda, 3)} h, ${short(1 / (hOverLambda * dxOverH), 3)} Δx`),
   );
-  void bar;
   const within = points.filter((s) => Math.hypot(...s) <= kernel.support);
   const shells = new Map();
   for (const s of within) {
@@ -108,7 +107,7 @@ function drawParts(id, { rows, title, label, here, error, caption, says }) {
   const x = inX(rows[0].x, rows[rows.length - 1].x, true);
   const y = inY(...decades(rows.flatMap((row) => shown.map((part) => row[part]))), true);
   const svg = picture();
-  svg.append(axes(x, y, label, "error"));
+  svg.append(axes(x, y, label));
   for (const part of [...shown].reverse()) svg.append(curve(rows.map((row) => [row.x, row[part]]), x, y, part));
   svg.append(mark(x, y, here, error.total));
   fill(id, {
@@ -139,7 +138,7 @@ function drawCurves(known, error) {
   drawParts("figure-neighbours", {
     rows: alongNeighbours(known),
     title: "Error against neighbours",
-    label: `neighbours, V κ${"  ²³"[dim].trim()}(h/Δx)${"  ²³"[dim].trim()}`,
+    label: "particles in the support",
     here: count,
     error,
     caption: `At h/λ = ${short(hOverLambda)}: more particles in the same support.`,
@@ -155,7 +154,7 @@ function drawPath(known, error) {
   const x = inX(level[0].x, last, true);
   const y = inY(...decades([...level, ...path].map((row) => row.total)), true);
   const svg = picture();
-  svg.append(axes(x, y, "particles per wavelength, λ/Δx", "error"),
+  svg.append(axes(x, y, "particles per wavelength, λ/Δx"),
     curve(level.map((row) => [row.x, row.total]), x, y, "discretisation"),
     curve(path.map((row) => [row.x, row.total]), x, y, "total"),
     mark(x, y, level[0].x, error.total));
@@ -165,9 +164,9 @@ function drawPath(known, error) {
     says: `The error against particles per wavelength. With the present number of neighbours it goes from`
       + ` ${short(level[0].total, 3)} to ${short(level[level.length - 1].total, 3)}; along the best path to`
       + ` ${short(path[path.length - 1].total, 3)}.`,
-    names: [["total", `h ∝ Δx^(${p})`], ["discretisation", "the present number of neighbours"]],
-    caption: `On disordered particles the best path of this form is h ∝ Δx^(${p}): the error falls as`
-      + ` Δx^(${order}), and neighbours grow as N^(${growth}). It ends at ${TABLES.most_neighbours[known.dim]}`
+    names: [["total", `h ∝ ${powerText("Δx", p)}`], ["discretisation", "the present number of neighbours"]],
+    caption: `On disordered particles the best path of this form is h ∝ ${powerText("Δx", p)}: the`
+      + ` error falls as ${powerText("Δx", order)}, and neighbours grow as ${powerText("N", growth)}. It ends at ${TABLES.most_neighbours[known.dim]}`
       + " neighbours.",
     head: ["λ/Δx", "present neighbours", "best path"],
     rows: () => level.map((row, i) => [row.x, row.total, path[i] ? path[i].total : ""]),
