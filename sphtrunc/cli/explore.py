@@ -70,10 +70,10 @@ def command(link: str, output: str | None, show: bool, wanted: bool, format_: st
 def _text(found: dict[str, Any]) -> str:
     at, error = found["setting"], found["error"]
     lines = [
-        f"{at['kernel']} in {at['dim']}D on {at['lattice']}, gradient ({at['form']} form, correction"
-        f" {at['correction']}), Δx/h = {at['dx-over-h']}",
+        f"{at['kernel']} in {at['dim']}D on {at['lattice']}, Δx/h = {at['dx-over-h']}",
+        f"  gradient, {at['form']} form, correction {at['correction']}",
         f"  {found['particles']} particles within the support, the target counted",
-        f"Error of a wave at h/λ = {at['h-over-lambda']}, jitter {at['jitter']} Δx (to first order)",
+        f"Error of a wave at h/λ = {at['h-over-lambda']}, jitter {at['jitter']} Δx, in first order",
         *(f"  {part:<15} {value:.12e}" for part, value in error.items()),
         "Moments along the first axis       mean                   spread",
         *(

@@ -1,9 +1,11 @@
 """The numbers of a setting of the page, from the theory of this package.
 
 Moments M_n along the first axis, the parts of the rms error of a wave along it, and h/Δx in every
-convention. Disorder is taken to first order in σ, Var = σ² Σ_b |∂E/∂u_b|² with u_b the displacements
-(Taylor's law of propagation), as on the page: `sphtrunc measure` averages over displacements of any
-size, from which first order differs by O(σ²).
+convention. Disorder is of first order in the displacements u_b of all particles, as on the page,
+
+    Var = σ² Σ_b |∂E/∂u_b|²,
+
+which differs by O(σ²) of itself from the averages over displacements of any size in `measure`.
 """
 
 from __future__ import annotations

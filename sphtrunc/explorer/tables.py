@@ -91,8 +91,10 @@ def _period(kind: str, axis: int) -> int:
     box = list(product(range(12), repeat=dim))
 
     def repeats(step: int) -> bool:
-        moved = (tuple(n + step * (i == axis) for i, n in enumerate(m)) for m in box)
-        return all(_contains(kind, m) == _contains(kind, to) for m, to in zip(box, moved))
+        def moved(m: tuple[int, ...]) -> tuple[int, ...]:
+            return tuple(n + step * (i == axis) for i, n in enumerate(m))
+
+        return all(_contains(kind, m) == _contains(kind, moved(m)) for m in box)
 
     return next(step for step in range(1, 13) if repeats(step))
 

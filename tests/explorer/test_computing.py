@@ -236,7 +236,7 @@ def test_particles_on_a_jump_count_by_half():
         ({"form": "paired", "jitter": "0.1"}, "paired"),
         ({"form": "symmetric", "correction": "csph"}, "correction"),
         ({"correction": "rkpm-3", "dx-over-h": "1.5"}, "singular"),
-        ({"kernel": "0..1: 1 - 2*q", "dim": "1", "lattice": "uniform", "dx-over-h": ".3"}, "integral"),
+        ({"kernel": "0..1: 1 - 2*q", "dim": "1", "lattice": "uniform"}, "integral"),
     ],
 )  # fmt: skip
 def test_the_page_refuses_with_a_sentence(setting, match):
