@@ -18,11 +18,13 @@ function choose(at) {
 }
 
 async function settled() {
-  do await pause(20); while (document.documentElement.dataset.state === "busy");
+  do await pause(20);
+  while (document.documentElement.dataset.state === "busy");
 }
 
 function shown() {
-  const numbers = (selector) => [...document.querySelectorAll(selector)].map((x) => Number(x.value));
+  const numbers = (selector) =>
+    [...document.querySelectorAll(selector)].map((x) => Number(x.value));
   const [total, smoothing, discretisation, disorder] = numbers("#error data");
   const moments = numbers("#moments data");
   const rows = [...document.querySelectorAll("#conventions tbody tr")];
@@ -36,10 +38,12 @@ function shown() {
     error: { total, smoothing, discretisation, disorder },
     moments: [0, 2, 4, 6].map((i) => moments[i] + Number(i === 2)),
     spreads: [1, 3, 5, 7].map((i) => moments[i]),
-    conventions: Object.fromEntries(rows.map((row) => [
-      row.querySelector("code").textContent,
-      row.querySelector("data") ? Number(row.querySelector("data").value) : null,
-    ])),
+    conventions: Object.fromEntries(
+      rows.map((row) => [
+        row.querySelector("code").textContent,
+        row.querySelector("data") ? Number(row.querySelector("data").value) : null,
+      ]),
+    ),
   };
 }
 
@@ -48,14 +52,18 @@ function manners() {
   const fields = [...document.querySelectorAll("input, select, textarea")];
   const ids = [...document.querySelectorAll("[id]")].map((x) => x.id);
   return {
-    unnamed: fields.filter((x) => !x.labels.length && !x.getAttribute("aria-label")).map((x) => x.id),
-    pictures: [...document.querySelectorAll("figure > svg")]
-      .map((x) => [x.getAttribute("role"), x.getAttribute("aria-label").length]),
+    unnamed: fields
+      .filter((x) => !x.labels.length && !x.getAttribute("aria-label"))
+      .map((x) => x.id),
+    pictures: [...document.querySelectorAll("figure > svg")].map((x) => [
+      x.getAttribute("role"),
+      x.getAttribute("aria-label").length,
+    ]),
     live: document.querySelectorAll('[aria-live="polite"], [role="alert"]').length,
     doubled: ids.filter((id, i) => ids.indexOf(id) !== i),
     requests: performance.getEntriesByType("resource").map((x) => x.name),
     width: window.innerWidth,
-    overflow: document.documentElement.scrollWidth - window.innerWidth,
+    overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth,
   };
 }
 
@@ -77,8 +85,5 @@ function manners() {
   await settled();
   found.linked = shown();
   found.errors = ERRORS;
-  const note = document.createElement("pre");
-  note.id = "driven";
-  note.textContent = JSON.stringify(found);
-  document.body.append(note);
+  parent.postMessage(JSON.stringify(found), "*");
 })();

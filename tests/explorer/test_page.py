@@ -20,9 +20,7 @@ from sphtrunc.explorer.assembly import COMPUTING, DRAWING, page, source
 from sphtrunc.explorer.setting import numbers, setting
 from tests.explorer.settings import apart, expected, random_settings, words
 
-BROWSERS = [
-    name for name in ("chromium", "chromium-browser", "google-chrome") if shutil.which(name)
-]
+BROWSERS = [name for name in ("chromium", "google-chrome") if shutil.which(name)]
 DRIVER = Path(__file__).with_name("driver.js").read_text(encoding="utf-8")
 CATCHER = (
     "const ERRORS = [];"
@@ -63,20 +61,28 @@ def test_what_is_typed_is_neither_code_nor_markup(name):
     assert max(map(len, text.splitlines())) <= 120
 
 
+#: a frame of a width that a window of its own cannot have, which writes down what it is told
+FRAME = (
+    "<iframe src='driven.html' width='{}' height='900'></iframe><pre></pre><script>"
+    "onmessage = (e) => {{ document.querySelector('pre').textContent = e.data; }};</script>"
+)
+
+
 def driven(browser: str, folder: Path, settings: list[dict[str, str]], width: int) -> dict:
     """What the page shows for the settings, in a browser of that width."""
     code = f"const SETTINGS = {json.dumps(settings)};\n{DRIVER}"
     text = page().replace("script-src ", f"script-src {hashed(CATCHER)} {hashed(code)} ")
     text = text.replace("<style>", f"<script>{CATCHER}</script><style>", 1)
     text = text.replace("</body>", f"<script>{code}</script></body>")
-    file = folder / "driven.html"
-    file.write_text(text, encoding="utf-8")
+    (folder / "driven.html").write_text(text, encoding="utf-8")
+    file = folder / "frame.html"
+    file.write_text(FRAME.format(width), encoding="utf-8")
     run = subprocess.run(
-        [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900",
+        [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", "--window-size=1600,900",
          f"--virtual-time-budget={1_000_000}", "--dump-dom", file.as_uri()],
         capture_output=True, text=True, check=True, timeout=600,
     )  # fmt: skip
-    found = re.search(r'<pre id="driven">(.*?)</pre>', run.stdout, flags=re.DOTALL)
+    found = re.search(r"<pre>(.+?)</pre>", run.stdout, flags=re.DOTALL)
     assert found, run.stdout[:2000]
     return dict(json.loads(html.unescape(found[1])))
 

@@ -34,7 +34,11 @@ function offer(id, names, chosen) {
 function offerKernels() {
   const groups = new Map();
   for (const name of Object.keys(TABLES.kernels)) {
-    const family = name.includes(":") ? name.split(":")[0] : name.startsWith("wendland") ? "Wendland" : "named";
+    const family = name.includes(":")
+      ? name.split(":")[0]
+      : name.startsWith("wendland")
+        ? "Wendland"
+        : "named";
     if (!groups.has(family)) groups.set(family, []);
     groups.get(family).push(element("option", { value: name }, name));
   }
@@ -46,10 +50,21 @@ function offerKernels() {
 
 function offerSliders() {
   for (const [key, { label }] of Object.entries(SLIDERS)) {
-    byId("sliders").append(element("div", { class: "slider" },
-      element("label", { for: key }, label),
-      element("input", { type: "range", id: `${key}-slider`, min: 0, max: STEPS, "aria-label": label }),
-      element("input", { type: "text", id: key, inputmode: "decimal", spellcheck: "false" })));
+    byId("sliders").append(
+      element(
+        "div",
+        { class: "slider" },
+        element("label", { for: key }, label),
+        element("input", {
+          type: "range",
+          id: `${key}-slider`,
+          min: 0,
+          max: STEPS,
+          "aria-label": label,
+        }),
+        element("input", { type: "text", id: key, inputmode: "decimal", spellcheck: "false" }),
+      ),
+    );
     byId(`${key}-slider`).addEventListener("input", (event) => {
       const [low, high] = limitsOf(key);
       const part = event.target.value / STEPS;
@@ -95,7 +110,7 @@ function keepRatio() {
   try {
     const value = Rational.parse(setting["dx-over-h"]).toNumber();
     if (value < low || value > high) {
-      setting["dx-over-h"] = rounded(Math.min(high, Math.max(low, value)) , low, high);
+      setting["dx-over-h"] = rounded(Math.min(high, Math.max(low, value)), low, high);
     }
   } catch {
     // what is typed there is no number, which is said where it is used
@@ -107,9 +122,13 @@ function showControls() {
   const own = !Object.hasOwn(TABLES.kernels, setting.kernel);
   byId("kernel").value = own ? OWN : setting.kernel;
   byId("own").hidden = !own;
-  const put = (id, value) => { if (document.activeElement !== byId(id)) byId(id).value = value; };
+  const put = (id, value) => {
+    if (document.activeElement !== byId(id)) byId(id).value = value;
+  };
   if (own) put("formula", setting.kernel);
-  const lattices = Object.keys(TABLES.lattices).filter((name) => String(TABLES.lattices[name].dim) === setting.dim);
+  const lattices = Object.keys(TABLES.lattices).filter(
+    (name) => String(TABLES.lattices[name].dim) === setting.dim,
+  );
   offer("dim", ["1", "2", "3"], setting.dim);
   offer("lattice", lattices, setting.lattice);
   offer("form", Object.keys(TABLES.forms), setting.form);
@@ -118,7 +137,11 @@ function showControls() {
     put(key, setting[key]);
     const [low, high] = limitsOf(key);
     let value = low;
-    try { value = Rational.parse(setting[key]).toNumber(); } catch { continue; }
+    try {
+      value = Rational.parse(setting[key]).toNumber();
+    } catch {
+      continue;
+    }
     const part = log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
     const slider = byId(`${key}-slider`);
     if (document.activeElement !== slider) slider.value = Math.round(STEPS * part);
@@ -158,9 +181,11 @@ function summary(known, { particles, error, moments }) {
     discretisation: "more neighbours, or a smoother kernel, lower it",
     disorder: "a corrected form, more neighbours, or particles in better order lower it",
   };
-  return `${known.kernel.name} in ${known.dim}D with ${particles} particles in the support: at`
-    + ` h/λ = ${short(known.hOverLambda)} the gradient is wrong by ${percent(error.total)}, mostly by`
-    + ` ${part}: ${advice[part]}. M₁ − 1 = ${short(moments[1] - 1, 3).replace("-", "−")}.`;
+  return (
+    `${known.kernel.name} in ${known.dim}D with ${particles} particles in the support: at` +
+    ` h/λ = ${short(known.hOverLambda)} the gradient is wrong by ${percent(error.total)}, mostly by` +
+    ` ${part}: ${advice[part]}. M₁ − 1 = ${datum(moments[1] - 1, 3).textContent}.`
+  );
 }
 
 function percent(x) {
@@ -170,31 +195,72 @@ function percent(x) {
 function showNumbers({ jitter, correction }, { moments, spreads, error, conventions }) {
   const most = Math.max(...Object.values(error)) || 1;
   const body = (id) => byId(id).querySelector("tbody");
-  body("error").replaceChildren(...PARTS.map((part) => element("tr", { "data-part": part },
-    element("th", { scope: "row" }, part), element("td", {}, datum(error[part])),
-    element("td", {}, drawn("svg", { viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": "true" },
-      drawn("line", { class: `curve ${part} bar`, x1: 0, x2: (100 * error[part]) / most, y1: 5, y2: 5 }))))));
+  body("error").replaceChildren(
+    ...PARTS.map((part) =>
+      element(
+        "tr",
+        { "data-part": part },
+        element("th", { scope: "row" }, part),
+        element("td", {}, datum(error[part])),
+        element(
+          "td",
+          {},
+          drawn(
+            "svg",
+            { viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": "true" },
+            drawn("line", {
+              class: `curve ${part} bar`,
+              x1: 0,
+              x2: (100 * error[part]) / most,
+              y1: 5,
+              y2: 5,
+            }),
+          ),
+        ),
+      ),
+    ),
+  );
   const names = ["M₀", "M₁ − 1", "M₂", "M₃"];
-  body("moments").replaceChildren(...names.map((name, n) => element("tr", {},
-    element("th", { scope: "row" }, name), element("td", {}, datum(moments[n] - Number(n === 1))),
-    element("td", {}, datum(spreads[n])))));
-  body("conventions").replaceChildren(...Object.entries(TABLES.conventions).map(([name, { says, who }]) =>
-    element("tr", {}, element("th", { scope: "row" }, element("code", {}, name)),
-      element("td", {}, datum(conventions[name], 6)),
-      element("td", {}, says, element("br"), element("small", {}, who)))));
+  body("moments").replaceChildren(
+    ...names.map((name, n) =>
+      element(
+        "tr",
+        {},
+        element("th", { scope: "row" }, name),
+        element("td", {}, datum(moments[n] - Number(n === 1))),
+        element("td", {}, datum(spreads[n])),
+      ),
+    ),
+  );
+  body("conventions").replaceChildren(
+    ...Object.entries(TABLES.conventions).map(([name, { says, who }]) =>
+      element(
+        "tr",
+        {},
+        element("th", { scope: "row" }, element("code", {}, name)),
+        element("td", {}, datum(conventions[name], 6)),
+        element("td", {}, says, element("br"), element("small", {}, who)),
+      ),
+    ),
+  );
   byId("validity").textContent = jitter
-    ? "Disorder is of first order in σ: independent displacements of every particle, the target too, by"
-      + ` σ = ${short(jitter)} Δx along each axis${correction === "none" ? "" : ", through the correction"}.`
-      + " sphtrunc measure gives it for displacements of any size."
+    ? "Disorder is of first order in σ: independent displacements of every particle, the target too, by" +
+      ` σ = ${short(jitter)} Δx along each axis${correction === "none" ? "" : ", through the correction"}.` +
+      " sphtrunc measure gives it for displacements of any size."
     : "On a lattice the numbers are right to about 13 digits; below 1e-14 they are rounding.";
-  byId("commands").replaceChildren(...commandsOf(setting).flatMap(([says, text]) =>
-    [element("p", {}, says), element("pre", { tabindex: "0" }, text)]));
+  byId("commands").replaceChildren(
+    ...commandsOf(setting).flatMap(([says, text]) => [
+      element("p", {}, says),
+      element("pre", { tabindex: "0" }, text),
+    ]),
+  );
 }
 
 offerKernels();
 offerSliders();
 byId("kernel").addEventListener("change", (event) =>
-  change({ kernel: event.target.value === OWN ? EXAMPLE : event.target.value }));
+  change({ kernel: event.target.value === OWN ? EXAMPLE : event.target.value }),
+);
 byId("formula").addEventListener("input", (event) => change({ kernel: event.target.value }));
 for (const id of ["dim", "lattice", "form", "correction"]) {
   byId(id).addEventListener("change", (event) => change({ [id]: event.target.value }));

@@ -18,10 +18,13 @@ function dressed(node, attributes, children) {
   return node;
 }
 
+const ROUNDING = 1e-14; // of the sums: what is smaller is no finding
+
 /** A number for a person, with all its digits as the value for a program. */
 function datum(x, digits = 4) {
   if (x === null) return element("span", {}, "none");
-  return element("data", { value: String(x) }, short(x, digits).replace("-", "−"));
+  const text = Math.abs(x) < ROUNDING && x ? "≈ 0" : short(x, digits).replaceAll("-", "−");
+  return element("data", { value: String(x) }, text);
 }
 
 /** From a range of numbers to a range of the picture. */
@@ -75,7 +78,11 @@ function axes(x, y, xLabel) {
   for (const value of ticks(x)) {
     group.append(
       drawn("line", { class: "grid", x1: x(value), x2: x(value), y1: top, y2: height - bottom }),
-      drawn("text", { x: x(value), y: height - bottom + 14, "text-anchor": "middle" }, tickText(value, x.log)),
+      drawn(
+        "text",
+        { x: x(value), y: height - bottom + 14, "text-anchor": "middle" },
+        tickText(value, x.log),
+      ),
     );
   }
   for (const value of ticks(y)) {
@@ -85,8 +92,18 @@ function axes(x, y, xLabel) {
     );
   }
   group.append(
-    drawn("rect", { class: "axis", x: left, y: top, width: width - left - right, height: height - top - bottom }),
-    drawn("text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, xLabel),
+    drawn("rect", {
+      class: "axis",
+      x: left,
+      y: top,
+      width: width - left - right,
+      height: height - top - bottom,
+    }),
+    drawn(
+      "text",
+      { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" },
+      xLabel,
+    ),
   );
   return group;
 }
@@ -106,8 +123,11 @@ function curve(points, x, y, name) {
 function legend(names) {
   const list = element("p", { class: "note" });
   for (const [name, text] of names) {
-    const sample = drawn("svg", { width: 34, height: 10, "aria-hidden": "true" },
-      drawn("line", { class: `curve ${name}`, x1: 1, x2: 33, y1: 5, y2: 5 }));
+    const sample = drawn(
+      "svg",
+      { width: 34, height: 10, "aria-hidden": "true" },
+      drawn("line", { class: `curve ${name}`, x1: 1, x2: 33, y1: 5, y2: 5 }),
+    );
     list.append(element("span", { class: "key" }, sample, ` ${text}`), " ");
   }
   return list;
@@ -115,10 +135,14 @@ function legend(names) {
 
 function tableOf(head, rows) {
   const said = (x) => (typeof x === "number" ? datum(x) : String(x));
-  const row = (cells, kind, made) => element("tr", {}, ...cells.map((x) => element(kind, {}, made(x))));
-  return element("table", {},
+  const row = (cells, kind, made) =>
+    element("tr", {}, ...cells.map((x) => element(kind, {}, made(x))));
+  return element(
+    "table",
+    {},
     element("thead", {}, row(head, "th", String)),
-    element("tbody", {}, ...rows.map((cells) => row(cells, "td", said))));
+    element("tbody", {}, ...rows.map((cells) => row(cells, "td", said))),
+  );
 }
 
 /** Fill a figure: title, picture that is described in words, legend, caption, and its numbers. */
@@ -134,8 +158,13 @@ function fill(id, { title, picture, says, names = [], caption, head, rows }) {
     table.append(element("div", region, tableOf(head, rows())));
   };
   table.addEventListener("toggle", write);
-  figure.replaceChildren(element("h3", {}, title), picture, legend(names),
-    element("figcaption", {}, caption), table);
+  figure.replaceChildren(
+    element("h3", {}, title),
+    picture,
+    legend(names),
+    element("figcaption", {}, caption),
+    table,
+  );
   if (open) table.open = true;
 }
 

@@ -19,8 +19,10 @@ const wave = (kappa) => [
 class Estimate {
   constructor(kernel, lattice, form, correction, dxOverH) {
     if (form === "paired" && !lattice.pairs) {
-      throw new Error("the paired form takes neighbours at ±s together, and this lattice has no such"
-        + " pairs; take the form standard");
+      throw new Error(
+        "the paired form takes neighbours at ±s together, and this lattice has no such" +
+          " pairs; take the form standard",
+      );
     }
     Object.assign(this, { kernel, lattice, form, correction, dxOverH, dim: lattice.dim });
     this.offsets = neighbours(lattice, dxOverH, kernel.support);
@@ -37,12 +39,15 @@ class Estimate {
     this.trace = new Trace();
     this.sums = new Sums((term, alpha) => this.trace.number(this.total(term, alpha)));
     this.parts = gradientParts(correction, this.dim, this.sums, (n) => this.trace.number(n));
-    this.own = this.parts.map((part) => this.sampled([...part.rows.values()]
-      .map(({ term, alpha, c }) => [c.value, term, alpha])));
+    this.own = this.parts.map((part) =>
+      this.sampled([...part.rows.values()].map(({ term, alpha, c }) => [c.value, term, alpha])),
+    );
   }
 
   /** Particles within the support, the target counted. */
-  get count() { return this.offsets.length; }
+  get count() {
+    return this.offsets.length;
+  }
 
   /** m[term, α], times a function of s₁. */
   total(term, alpha, f = null) {
@@ -51,7 +56,9 @@ class Estimate {
     let sum = 0;
     this.offsets.forEach((s, b) => {
       let value = this.factors[b][which];
-      beta.forEach((n, axis) => { for (let i = 0; i < n; i++) value *= s[axis]; });
+      beta.forEach((n, axis) => {
+        for (let i = 0; i < n; i++) value *= s[axis];
+      });
       sum += f ? value * f(s[0]) : value;
     });
     return (term === VALUE ? 1 : -1) * this.volume * sum;
@@ -60,9 +67,13 @@ class Estimate {
   /** g = Σ c · (s^α Ŵ or −s^α ∂ᵢŴ) and ∇g at every particle, from rows [c, term, α]. */
   sampled(rows) {
     const { dim } = this;
-    const terms = rows.filter(([c]) => c).map(([c, term, alpha]) => (term === VALUE
-      ? { c, which: 0, beta: alpha }
-      : { c: -c, which: 1, beta: added(alpha, unit(dim, term)) }));
+    const terms = rows
+      .filter(([c]) => c)
+      .map(([c, term, alpha]) =>
+        term === VALUE
+          ? { c, which: 0, beta: alpha }
+          : { c: -c, which: 1, beta: added(alpha, unit(dim, term)) },
+      );
     const most = Math.max(0, ...terms.flatMap(({ beta }) => beta));
     const powers = Array.from({ length: dim }, () => new Float64Array(most + 1).fill(1));
     return this.offsets.map((s, b) => {
@@ -100,8 +111,10 @@ class Estimate {
   /** The estimate of ∂ᵢ of a signal, in units of 1/h. */
   estimate(axis, signal) {
     const seen = this.seen(signal);
-    return this.volume * this.offsets.reduce((sum, s, b) =>
-      sum + this.own[axis][b].value * seen(s[0]), 0);
+    return (
+      this.volume *
+      this.offsets.reduce((sum, s, b) => sum + this.own[axis][b].value * seen(s[0]), 0)
+    );
   }
 
   /** Σ_b |∂E/∂u_b|², u in Δx: times σ² it is the variance of the estimate of ∂ᵢ of a signal. */
@@ -109,9 +122,19 @@ class Estimate {
     const { dim, volume, dxOverH } = this;
     const seen = this.seen(signal);
     const rows = [...this.parts[axis].rows.values()];
-    const change = this.trace.back(rows.map(({ term, alpha, c }) => [c, this.total(term, alpha, seen)]));
-    const others = this.correction === "none" ? null : this.sampled([...this.sums.known.values()]
-      .map(({ term, alpha, sum }) => [change[sum.index], term, alpha]));
+    const change = this.trace.back(
+      rows.map(({ term, alpha, c }) => [c, this.total(term, alpha, seen)]),
+    );
+    const others =
+      this.correction === "none"
+        ? null
+        : this.sampled(
+            [...this.sums.known.values()].map(({ term, alpha, sum }) => [
+              change[sum.index],
+              term,
+              alpha,
+            ]),
+          );
     const target = Array(dim).fill(0);
     let square = 0;
     this.offsets.forEach((s, b) => {

@@ -15,13 +15,26 @@ function decades(values) {
 
 function mark(x, y, at, value) {
   if (!(value >= y.low && value <= y.high)) return drawn("g");
-  return drawn("g", {},
-    drawn("line", { class: "curve now", x1: x(at), x2: x(at), y1: FRAME.top, y2: FRAME.height - FRAME.bottom }),
-    drawn("circle", { class: "here", cx: x(at), cy: y(value), r: 5 }));
+  return drawn(
+    "g",
+    {},
+    drawn("line", {
+      class: "curve now",
+      x1: x(at),
+      x2: x(at),
+      y1: FRAME.top,
+      y2: FRAME.height - FRAME.bottom,
+    }),
+    drawn("circle", { class: "here", cx: x(at), cy: y(value), r: 5 }),
+  );
 }
 
 function drawKernel({ kernel, dim, lattice, dxOverH }) {
-  const names = [["total", "w"], ["smoothing", "w′"], ["discretisation", "w″"]];
+  const names = [
+    ["total", "w"],
+    ["smoothing", "w′"],
+    ["discretisation", "w″"],
+  ];
   const n = 200;
   const at = Array.from({ length: n + 1 }, (_, i) => (i / n) * kernel.support * (1 - 1e-9));
   const values = names.map((_, m) => at.map((q) => kernel.shape(q, m)));
@@ -30,10 +43,23 @@ function drawKernel({ kernel, dim, lattice, dxOverH }) {
   const y = inY(-1.08, 1.08);
   const svg = picture();
   svg.append(axes(x, y, "q = r/h"));
-  values.forEach((row, m) => svg.append(
-    curve(at.map((q, i) => [q, row[i] / largest[m]]), x, y, names[m][0])));
-  const shells = [...new Set(neighbours(lattice, dxOverH, kernel.support)
-    .map((s) => Math.hypot(...s).toFixed(9)))].map(Number).sort((a, b) => a - b);
+  values.forEach((row, m) =>
+    svg.append(
+      curve(
+        at.map((q, i) => [q, row[i] / largest[m]]),
+        x,
+        y,
+        names[m][0],
+      ),
+    ),
+  );
+  const shells = [
+    ...new Set(
+      neighbours(lattice, dxOverH, kernel.support).map((s) => Math.hypot(...s).toFixed(9)),
+    ),
+  ]
+    .map(Number)
+    .sort((a, b) => a - b);
   for (const q of shells) {
     const base = FRAME.height - FRAME.bottom;
     svg.append(drawn("line", { class: "axis", x1: x(q), x2: x(q), y1: base, y2: base - 8 }));
@@ -42,15 +68,19 @@ function drawKernel({ kernel, dim, lattice, dxOverH }) {
   fill("figure-kernel", {
     title: "The kernel and its derivatives",
     picture: svg,
-    says: `${kernel.name}: w, w′ and w″ against q from 0 to ${short(kernel.support)}, each over its`
-      + ` largest value; particles of the lattice are at ${shells.length} distances.`,
+    says:
+      `${kernel.name}: w, w′ and w″ against q from 0 to ${short(kernel.support)}, each over its` +
+      ` largest value; particles of the lattice are at ${shells.length} distances.`,
     names,
-    caption: `Each over its largest value. W(0) = ${short(sigma * kernel.shape(0), 6)} /`
-      + `${powerText("h", String(dim))}. Short`
-      + " lines on the axis: distances at which there are particles.",
+    caption:
+      `Each over its largest value. W(0) = ${short(sigma * kernel.shape(0), 6)} /` +
+      `${powerText("h", String(dim))}. Short` +
+      " lines on the axis: distances at which there are particles.",
     head: ["q", "Ŵ", "Ŵ′", "Ŵ″"],
-    rows: () => at.filter((_, i) => i % 10 === 0)
-      .map((q) => [q, ...names.map((_, m) => sigma * kernel.shape(q, m))]),
+    rows: () =>
+      at
+        .filter((_, i) => i % 10 === 0)
+        .map((q) => [q, ...names.map((_, m) => sigma * kernel.shape(q, m))]),
   });
 }
 
@@ -59,8 +89,9 @@ function drawLattice({ kernel, dim, lattice, dxOverH, hOverLambda }, name) {
   const middle = [FRAME.width / 2, FRAME.height / 2 - 8];
   const unit = (FRAME.height / 2 - 14) / reach; // pixels per h
   const svg = picture();
-  const points = neighbours(lattice, dxOverH, reach)
-    .sort((a, b) => Math.abs(b[2] || 0) - Math.abs(a[2] || 0));
+  const points = neighbours(lattice, dxOverH, reach).sort(
+    (a, b) => Math.abs(b[2] || 0) - Math.abs(a[2] || 0),
+  );
   const dot = Math.max(1.2, Math.min(6, 0.22 * dxOverH * unit));
   for (const s of points) {
     const inside = Math.hypot(...s) <= kernel.support;
@@ -68,18 +99,27 @@ function drawLattice({ kernel, dim, lattice, dxOverH, hOverLambda }, name) {
     if (!level && !inside) continue;
     const own = s.every((c) => c === 0);
     const kind = own ? "target" : !inside ? "outside" : level ? "particle" : "above";
-    svg.append(drawn("circle", {
-      class: kind, cx: middle[0] + s[0] * unit, cy: middle[1] - (s[1] || 0) * unit, r: own ? dot * 1.4 : level ? dot : dot * 0.6,
-    }));
+    svg.append(
+      drawn("circle", {
+        class: kind,
+        cx: middle[0] + s[0] * unit,
+        cy: middle[1] - (s[1] || 0) * unit,
+        r: own ? dot * 1.4 : level ? dot : dot * 0.6,
+      }),
+    );
   }
-  const circle = (r, kind) => drawn("circle", { class: `curve ${kind}`, cx: middle[0], cy: middle[1], r: r * unit });
+  const circle = (r, kind) =>
+    drawn("circle", { class: `curve ${kind}`, cx: middle[0], cy: middle[1], r: r * unit });
   svg.append(circle(kernel.support, "total"), circle(1, "smoothing"));
   const base = FRAME.height - 14;
   svg.append(
     drawn("line", { class: "axis", x1: 8, x2: 8 + dxOverH * unit, y1: base, y2: base }),
     drawn("text", { x: 8, y: base - 5 }, "Δx"),
-    drawn("text", { x: FRAME.width - 8, y: base + 4, "text-anchor": "end" },
-      `λ = ${short(1 / hOverLambda, 3)} h, ${short(1 / (hOverLambda * dxOverH), 3)} Δx`),
+    drawn(
+      "text",
+      { x: FRAME.width - 8, y: base + 4, "text-anchor": "end" },
+      `λ = ${short(1 / hOverLambda, 3)} h, ${short(1 / (hOverLambda * dxOverH), 3)} Δx`,
+    ),
   );
   const within = points.filter((s) => Math.hypot(...s) <= kernel.support);
   const shells = new Map();
@@ -91,11 +131,16 @@ function drawLattice({ kernel, dim, lattice, dxOverH, hOverLambda }, name) {
   fill("figure-lattice", {
     title: `The neighbours: ${name}`,
     picture: svg,
-    says: `${count} particles of the ${name} lattice within the support of ${short(kernel.support)} h,`
-      + ` at Δx = ${short(dxOverH)} h, drawn to scale.`,
-    names: [["total", "support κh"], ["smoothing", "h"]],
-    caption: `${count} particles within the support, the target counted`
-      + `${dim === 3 ? "; filled: in the plane of the target, rings: above or below it" : ""}.`,
+    says:
+      `${count} particles of the ${name} lattice within the support of ${short(kernel.support)} h,` +
+      ` at Δx = ${short(dxOverH)} h, drawn to scale.`,
+    names: [
+      ["total", "support κh"],
+      ["smoothing", "h"],
+    ],
+    caption:
+      `${count} particles within the support, the target counted` +
+      `${dim === 3 ? "; filled: in the plane of the target, rings: above or below it" : ""}.`,
     head: ["q = r/h", "particles"],
     rows: () => [...shells].sort((a, b) => a[0] - b[0]).map(([q, n]) => [Number(q), n]),
   });
@@ -108,13 +153,22 @@ function drawParts(id, { rows, title, label, here, error, caption, says }) {
   const y = inY(...decades(rows.flatMap((row) => shown.map((part) => row[part]))), true);
   const svg = picture();
   svg.append(axes(x, y, label));
-  for (const part of [...shown].reverse()) svg.append(curve(rows.map((row) => [row.x, row[part]]), x, y, part));
+  for (const part of [...shown].reverse())
+    svg.append(
+      curve(
+        rows.map((row) => [row.x, row[part]]),
+        x,
+        y,
+        part,
+      ),
+    );
   svg.append(mark(x, y, here, error.total));
   fill(id, {
     title,
     picture: svg,
-    says: `${says} Here it is ${short(error.total, 3)}; over the figure it goes from`
-      + ` ${short(rows[0].total, 3)} to ${short(rows[rows.length - 1].total, 3)}.`,
+    says:
+      `${says} Here it is ${short(error.total, 3)}; over the figure it goes from` +
+      ` ${short(rows[0].total, 3)} to ${short(rows[rows.length - 1].total, 3)}.`,
     names: shown.map((part) => [part, part]),
     caption,
     head: [label, ...PARTS],
@@ -131,8 +185,9 @@ function drawCurves(known, error) {
     label: "h/λ",
     here: hOverLambda,
     error,
-    caption: `At Δx/h = ${short(dxOverH)}. Where the total is level, a smaller h at this number of`
-      + " neighbours gains nothing.",
+    caption:
+      `At Δx/h = ${short(dxOverH)}. Where the total is level, a smaller h at this number of` +
+      " neighbours gains nothing.",
     says: "The error against h over wavelength.",
   });
   drawParts("figure-neighbours", {
@@ -154,20 +209,37 @@ function drawPath(known, error) {
   const x = inX(level[0].x, last, true);
   const y = inY(...decades([...level, ...path].map((row) => row.total)), true);
   const svg = picture();
-  svg.append(axes(x, y, "particles per wavelength, λ/Δx"),
-    curve(level.map((row) => [row.x, row.total]), x, y, "discretisation"),
-    curve(path.map((row) => [row.x, row.total]), x, y, "total"),
-    mark(x, y, level[0].x, error.total));
+  svg.append(
+    axes(x, y, "particles per wavelength, λ/Δx"),
+    curve(
+      level.map((row) => [row.x, row.total]),
+      x,
+      y,
+      "discretisation",
+    ),
+    curve(
+      path.map((row) => [row.x, row.total]),
+      x,
+      y,
+      "total",
+    ),
+    mark(x, y, level[0].x, error.total),
+  );
   fill("figure-path", {
     title: "Which way to refine",
     picture: svg,
-    says: `The error against particles per wavelength. With the present number of neighbours it goes from`
-      + ` ${short(level[0].total, 3)} to ${short(level[level.length - 1].total, 3)}; along the best path to`
-      + ` ${short(path[path.length - 1].total, 3)}.`,
-    names: [["total", `h ∝ ${powerText("Δx", p)}`], ["discretisation", "the present number of neighbours"]],
-    caption: `On disordered particles the best path of this form is h ∝ ${powerText("Δx", p)}: the`
-      + ` error falls as ${powerText("Δx", order)}, and neighbours grow as ${powerText("N", growth)}. It ends at ${TABLES.most_neighbours[known.dim]}`
-      + " neighbours.",
+    says:
+      `The error against particles per wavelength. With the present number of neighbours it goes from` +
+      ` ${short(level[0].total, 3)} to ${short(level[level.length - 1].total, 3)}; along the best path to` +
+      ` ${short(path[path.length - 1].total, 3)}.`,
+    names: [
+      ["total", `h ∝ ${powerText("Δx", p)}`],
+      ["discretisation", "the present number of neighbours"],
+    ],
+    caption:
+      `On disordered particles the best path of this form is, in the long run, h ∝ ` +
+      `${powerText("Δx", p)}: the error falls as ${powerText("Δx", order)}, and neighbours grow as ` +
+      `${powerText("N", growth)}. It ends at ${TABLES.most_neighbours[known.dim]} neighbours.`,
     head: ["λ/Δx", "present neighbours", "best path"],
     rows: () => level.map((row, i) => [row.x, row.total, path[i] ? path[i].total : ""]),
   });

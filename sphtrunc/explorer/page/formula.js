@@ -17,8 +17,10 @@ function tokens(text) {
     const at = pattern.lastIndex;
     const match = pattern.exec(text);
     if (!match) {
-      throw new Error(`unexpected character at “${text.slice(at, at + 12).trim()}”; a formula is made`
-        + " of q, rationals, + - * / ^ ( ) and pos(...), as in 0..1: 1 - q^2/2; 1..2: (2-q)^2/2");
+      throw new Error(
+        `unexpected character at “${text.slice(at, at + 12).trim()}”; a formula is made` +
+          " of q, rationals, + - * / ^ ( ) and pos(...), as in 0..1: 1 - q^2/2; 1..2: (2-q)^2/2",
+      );
     }
     found.push(match[1] ? { number: match[1] } : { sign: match[2] === "**" ? "^" : match[2] });
   }
@@ -33,7 +35,9 @@ class Reader {
     this.depth = 0;
   }
 
-  get next() { return this.tokens[this.at] || {}; }
+  get next() {
+    return this.tokens[this.at] || {};
+  }
 
   /** Whether one of these signs is next; it is then behind. */
   takes(...signs) {
@@ -67,19 +71,20 @@ class Reader {
 
   sum() {
     const terms = [[this.takes("+", "-") || "+", this.product()]];
-    for (let sign; (sign = this.takes("+", "-")); ) terms.push([sign, this.product()]);
+    for (let sign; (sign = this.takes("+", "-"));) terms.push([sign, this.product()]);
     return ["sum", terms];
   }
 
   product() {
     const factors = [["*", this.signed()]];
-    for (let sign; (sign = this.takes("*", "/")); ) factors.push([sign, this.signed()]);
+    for (let sign; (sign = this.takes("*", "/"));) factors.push([sign, this.signed()]);
     return ["product", factors];
   }
 
   signed() {
     let sign = "+";
-    for (let found; (found = this.takes("+", "-")); ) if (found === "-") sign = sign === "+" ? "-" : "+";
+    for (let found; (found = this.takes("+", "-"));)
+      if (found === "-") sign = sign === "+" ? "-" : "+";
     const power = this.power();
     return sign === "-" ? ["sum", [["-", power]]] : power;
   }
@@ -100,7 +105,8 @@ class Reader {
     if (this.takes("q")) return ["q"];
     const positive = this.takes("pos");
     this.needs("(");
-    if (++this.depth > CAPS.nesting) throw new Error(`more than ${CAPS.nesting} nested parentheses`);
+    if (++this.depth > CAPS.nesting)
+      throw new Error(`more than ${CAPS.nesting} nested parentheses`);
     const inner = this.sum();
     this.needs(")");
     this.depth--;
@@ -125,8 +131,12 @@ function expanded(tree, at) {
     return trimmed([Rational.parse(inner)]);
   }
   if (kind === "sum") {
-    return capped(inner.reduce((total, [sign, term]) =>
-      sumOf(total, expanded(term, at), sign === "+" ? 1 : -1), []));
+    return capped(
+      inner.reduce(
+        (total, [sign, term]) => sumOf(total, expanded(term, at), sign === "+" ? 1 : -1),
+        [],
+      ),
+    );
   }
   if (kind === "power") {
     const base = expanded(inner, at);
@@ -135,17 +145,22 @@ function expanded(tree, at) {
     return result;
   }
   if (kind === "positive") {
-    if (!at) throw new Error("pos(...) in a piece or another pos(...), expected a polynomial there");
+    if (!at)
+      throw new Error("pos(...) in a piece or another pos(...), expected a polynomial there");
     const value = expanded(inner, null);
-    if (value.length !== 2) throw new Error("pos(...) takes an expression linear in q, such as pos(2-q)");
+    if (value.length !== 2)
+      throw new Error("pos(...) takes an expression linear in q, such as pos(2-q)");
     return valueOf(value, at).top > 0n ? value : [];
   }
-  return inner.reduce((product, [sign, factor]) => {
-    const value = expanded(factor, at);
-    if (sign === "*") return capped(productOf(product, value));
-    if (value.length > 1) throw new Error("division by an expression in q, expected a number");
-    return capped(product.map((c) => c.over(value[0] || ZERO)));
-  }, [ONE]);
+  return inner.reduce(
+    (product, [sign, factor]) => {
+      const value = expanded(factor, at);
+      if (sign === "*") return capped(productOf(product, value));
+      if (value.length > 1) throw new Error("division by an expression in q, expected a number");
+      return capped(product.map((c) => c.over(value[0] || ZERO)));
+    },
+    [ONE],
+  );
 }
 
 function constant(tree) {
@@ -175,25 +190,32 @@ function formula(text) {
     const pieces = found.pieces.map(([low, high, body]) => {
       const last = knots[knots.length - 1];
       if (constant(low).compare(last)) {
-        throw new Error(`a piece ends at ${last} and the next starts at ${constant(low)}; expected`
-          + " pieces that follow each other");
+        throw new Error(
+          `a piece ends at ${last} and the next starts at ${constant(low)}; expected` +
+            " pieces that follow each other",
+        );
       }
       knots.push(constant(high));
       return expanded(body, null);
     });
     return { knots, pieces };
   }
-  const ends = [ZERO, ...truncations(found.sum)].sort((a, b) => a.compare(b))
+  const ends = [ZERO, ...truncations(found.sum)]
+    .sort((a, b) => a.compare(b))
     .filter((x, i, all) => !i || x.compare(all[i - 1]));
   counted(ends.length - 1);
   if (ends.length < 2) {
-    throw new Error("a formula must say where it ends: write 0..2: (2-q)^3 or truncated powers such"
-      + " as pos(2-q)^3");
+    throw new Error(
+      "a formula must say where it ends: write 0..2: (2-q)^3 or truncated powers such" +
+        " as pos(2-q)^3",
+    );
   }
   const last = ends[ends.length - 1];
   if (expanded(found.sum, last.plus(ONE)).length) {
-    throw new Error(`the formula does not vanish beyond its last knot ${last}; expected truncated`
-      + " powers such as pos(2-q)");
+    throw new Error(
+      `the formula does not vanish beyond its last knot ${last}; expected truncated` +
+        " powers such as pos(2-q)",
+    );
   }
   const middle = (i) => ends[i].plus(ends[i + 1]).over(new Rational(2n));
   return { knots: ends, pieces: ends.slice(1).map((_, i) => expanded(found.sum, middle(i))) };

@@ -2,7 +2,7 @@
 
 /** ∫ f(|s|) d^d s = SPHERE[d] ∫ f(q) q^{d−1} dq. */
 const SPHERE = [0, 2, 2 * Math.PI, 4 * Math.PI];
-const BALL = [0, 2, Math.PI, 4 * Math.PI / 3];
+const BALL = [0, 2, Math.PI, (4 * Math.PI) / 3];
 const DERIVATIVES = 4; // w, w′, w″, w‴
 const CUTS = 8; // no part of a piece is wider than this part of the support
 
@@ -63,13 +63,19 @@ class Kernel {
   }
 
   /** σ_d with W(r, h) = σ_d h^{−d} w(r/h). */
-  normalisation(dim) { return 1 / (SPHERE[dim] * this.mass(dim).toNumber()); }
+  normalisation(dim) {
+    return 1 / (SPHERE[dim] * this.mass(dim).toNumber());
+  }
 
   /** ∫ |s|ⁿ Ŵ d^d s, exactly. */
-  moment(n, dim) { return this.integral("pieces", n + dim - 1).over(this.mass(dim)); }
+  moment(n, dim) {
+    return this.integral("pieces", n + dim - 1).over(this.mass(dim));
+  }
 
   /** ∫ |s|ⁿ Ŵ′ d^d s, exactly. */
-  slopeMoment(n, dim) { return this.integral("slopes", n + dim - 1).over(this.mass(dim)); }
+  slopeMoment(n, dim) {
+    return this.integral("slopes", n + dim - 1).over(this.mass(dim));
+  }
 
   /** How many derivatives vanish at the edge, less one: β, −1 where w itself does not. */
   get boundarySmoothness() {
@@ -150,7 +156,10 @@ function kernelOf(text) {
   if (!kernels.has(name)) {
     const entry = TABLES.kernels[name];
     const exact = entry
-      ? { knots: entry.knots.map(Rational.parse), pieces: entry.pieces.map((p) => p.map(Rational.parse)) }
+      ? {
+          knots: entry.knots.map(Rational.parse),
+          pieces: entry.pieces.map((p) => p.map(Rational.parse)),
+        }
       : formula(name);
     if (kernels.size > 64) kernels.clear();
     kernels.set(name, new Kernel(entry ? name : "your kernel", exact.knots, exact.pieces));

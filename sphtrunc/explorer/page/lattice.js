@@ -10,11 +10,15 @@ function neighbours(lattice, dxOverH, support) {
     return Array.from({ length: 2 * most + 1 }, (_, n) => (n - most) * period[axis]);
   });
   const found = [];
-  for (const i of axes[0]) for (const j of axes[1]) for (const k of axes[2]) {
-    for (const site of sites) {
-      const s = [i, j, k].map((cell, axis) => (axis < dim ? (cell + site[axis]) * step[axis] : 0));
-      if (Math.hypot(...s) <= support * (1 + 1e-12)) found.push(s.slice(0, dim));
-    }
-  }
+  for (const i of axes[0])
+    for (const j of axes[1])
+      for (const k of axes[2]) {
+        for (const site of sites) {
+          const s = [i, j, k].map((cell, axis) =>
+            axis < dim ? (cell + site[axis]) * step[axis] : 0,
+          );
+          if (Math.hypot(...s) <= support * (1 + 1e-12)) found.push(s.slice(0, dim));
+        }
+      }
   return found;
 }

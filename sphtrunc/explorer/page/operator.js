@@ -11,9 +11,15 @@ function multiIndices(dim, degree) {
   const found = [];
   for (let n = 0; n <= degree; n++) {
     for (let i = n; i >= 0; i--) {
-      if (dim === 1) { if (i === n) found.push([n]); continue; }
+      if (dim === 1) {
+        if (i === n) found.push([n]);
+        continue;
+      }
       for (let j = n - i; j >= 0; j--) {
-        if (dim === 2) { if (i + j === n) found.push([i, j]); continue; }
+        if (dim === 2) {
+          if (i + j === n) found.push([i, j]);
+          continue;
+        }
         found.push([i, j, n - i - j]);
       }
     }
@@ -41,7 +47,9 @@ class Sums {
 
 /** Σ c[δ, γ] of a weight: rows { term, alpha, c }. */
 class Part {
-  constructor() { this.rows = new Map(); }
+  constructor() {
+    this.rows = new Map();
+  }
 
   add(term, alpha, c) {
     const key = `${term}:${alpha}`;
@@ -70,8 +78,10 @@ function solve(matrix, columns) {
     [largest[k], largest[best]] = [largest[best], largest[k]];
     const pivot = rows[k][k];
     if (!(pivot.size > 1e-10 * largest[k])) {
-      throw new Error("the correction is singular here: too few neighbours, or neighbours on one line"
-        + " or plane; take a smaller Δx/h, or a lower correction");
+      throw new Error(
+        "the correction is singular here: too few neighbours, or neighbours on one line" +
+          " or plane; take a smaller Δx/h, or a lower correction",
+      );
     }
     for (let j = k + 1; j < rows[k].length; j++) rows[k][j] = rows[k][j].over(pivot);
     for (let i = 0; i < n; i++) {
@@ -95,12 +105,16 @@ function polynomialDegree(correction) {
 function gradientParts(correction, dim, sums, number) {
   const axes = [...Array(dim).keys()];
   const degree = polynomialDegree(correction);
-  const parts = degree === null
-    ? axes.map((i) => new Part().add(i, unit(dim), number(1)))
-    : reproducing(degree, dim, sums, number);
+  const parts =
+    degree === null
+      ? axes.map((i) => new Part().add(i, unit(dim), number(1)))
+      : reproducing(degree, dim, sums, number);
   if (!correction.startsWith("csph")) return parts;
   const slopes = parts.map((part) => axes.map((j) => part.moment(sums, unit(dim, j))));
-  const inverse = solve(slopes, axes.map((i) => axes.map((j) => number(Number(i === j)))));
+  const inverse = solve(
+    slopes,
+    axes.map((i) => axes.map((j) => number(Number(i === j)))),
+  );
   return inverse.map((row) => {
     const result = new Part();
     parts.forEach((part, j) => {
@@ -118,13 +132,22 @@ function reproducing(degree, dim, sums, number) {
   const axes = [...Array(dim).keys()];
   const basis = multiIndices(dim, degree);
   const matrix = basis.map((a) => basis.map((b) => sums.get(VALUE, added(a, b))));
-  const c = solve(matrix, basis.map((_, n) => [number(Number(n === 0))])).map(([x]) => x);
-  const slope = (axis, alpha) => (alpha[axis]
-    ? sums.get(axis, alpha).minus(sums.get(VALUE, lowered(alpha, axis)).scaled(alpha[axis]))
-    : sums.get(axis, alpha));
-  const columns = basis.map((a) => axes.map((axis) => basis
-    .map((b, n) => slope(axis, added(a, b)).times(c[n]))
-    .reduce((total, x) => total.plus(x)).scaled(-1)));
+  const c = solve(
+    matrix,
+    basis.map((_, n) => [number(Number(n === 0))]),
+  ).map(([x]) => x);
+  const slope = (axis, alpha) =>
+    alpha[axis]
+      ? sums.get(axis, alpha).minus(sums.get(VALUE, lowered(alpha, axis)).scaled(alpha[axis]))
+      : sums.get(axis, alpha);
+  const columns = basis.map((a) =>
+    axes.map((axis) =>
+      basis
+        .map((b, n) => slope(axis, added(a, b)).times(c[n]))
+        .reduce((total, x) => total.plus(x))
+        .scaled(-1),
+    ),
+  );
   const changes = solve(matrix, columns);
   return axes.map((axis) => {
     const part = new Part();

@@ -19,35 +19,55 @@ class Rational {
     const fraction = /^\s*([+-]?\d+)\/(\d+)\s*$/.exec(text);
     if (fraction) return new Rational(BigInt(fraction[1]), BigInt(fraction[2]));
     const decimal = /^\s*([+-]?)(?=\.?\d)(\d*)\.?(\d*)\s*$/.exec(text);
-    if (!decimal) throw new Error(`got “${text.slice(0, 40)}”, expected a number such as 0.7 or 10/13`);
+    if (!decimal)
+      throw new Error(`got “${text.slice(0, 40)}”, expected a number such as 0.7 or 10/13`);
     const [, sign, whole, rest] = decimal;
     return new Rational(BigInt(sign + (whole + rest || "0")), 10n ** BigInt(rest.length));
   }
 
-  plus(x) { return new Rational(this.top * x.bottom + x.top * this.bottom, this.bottom * x.bottom); }
-  minus(x) { return new Rational(this.top * x.bottom - x.top * this.bottom, this.bottom * x.bottom); }
-  times(x) { return new Rational(this.top * x.top, this.bottom * x.bottom); }
-  over(x) { return new Rational(this.top * x.bottom, this.bottom * x.top); }
+  plus(x) {
+    return new Rational(this.top * x.bottom + x.top * this.bottom, this.bottom * x.bottom);
+  }
+  minus(x) {
+    return new Rational(this.top * x.bottom - x.top * this.bottom, this.bottom * x.bottom);
+  }
+  times(x) {
+    return new Rational(this.top * x.top, this.bottom * x.bottom);
+  }
+  over(x) {
+    return new Rational(this.top * x.bottom, this.bottom * x.top);
+  }
   /** n times this, n a whole number. */
-  scaled(n) { return new Rational(this.top * BigInt(n), this.bottom); }
+  scaled(n) {
+    return new Rational(this.top * BigInt(n), this.bottom);
+  }
 
-  get isZero() { return this.top === 0n; }
+  get isZero() {
+    return this.top === 0n;
+  }
   /** What elimination takes its pivots by. */
-  get size() { return this.isZero ? 0 : 1; }
-  get bits() { return Math.max(bits(this.top), bits(this.bottom)); }
+  get size() {
+    return this.isZero ? 0 : 1;
+  }
+  get bits() {
+    return Math.max(bits(this.top), bits(this.bottom));
+  }
   compare(x) {
     const gap = this.top * x.bottom - x.top * this.bottom;
     return gap < 0n ? -1 : Number(gap > 0n);
   }
-  toString() { return this.bottom === 1n ? `${this.top}` : `${this.top}/${this.bottom}`; }
+  toString() {
+    return this.bottom === 1n ? `${this.top}` : `${this.top}/${this.bottom}`;
+  }
 
   /** The nearest float but for one unit in the last place. */
   toNumber() {
     const shift = 64 + bits(this.bottom) - bits(this.top);
-    const whole = shift >= 0
-      ? (this.top << BigInt(shift)) / this.bottom
-      : this.top / (this.bottom << BigInt(-shift));
-    return (Number(whole) * 2 ** -(shift >> 1)) * 2 ** -(shift - (shift >> 1));
+    const whole =
+      shift >= 0
+        ? (this.top << BigInt(shift)) / this.bottom
+        : this.top / (this.bottom << BigInt(-shift));
+    return Number(whole) * 2 ** -(shift >> 1) * 2 ** -(shift - (shift >> 1));
   }
 }
 
@@ -75,7 +95,11 @@ function sumOf(p, q, sign = 1) {
 function productOf(p, q) {
   if (!p.length || !q.length) return [];
   const result = Array(p.length + q.length - 1).fill(ZERO);
-  p.forEach((a, i) => q.forEach((b, j) => { result[i + j] = result[i + j].plus(a.times(b)); }));
+  p.forEach((a, i) =>
+    q.forEach((b, j) => {
+      result[i + j] = result[i + j].plus(a.times(b));
+    }),
+  );
   return trimmed(result);
 }
 

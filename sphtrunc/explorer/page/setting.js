@@ -1,6 +1,15 @@
 // A setting: what the controls say, as the text of a link and as numbers.
 
-const KEYS = ["kernel", "dim", "lattice", "form", "correction", "dx-over-h", "h-over-lambda", "jitter"];
+const KEYS = [
+  "kernel",
+  "dim",
+  "lattice",
+  "form",
+  "correction",
+  "dx-over-h",
+  "h-over-lambda",
+  "jitter",
+];
 
 /** The setting of a link's text after #; what is not said is as in TABLES.start. */
 function settingOf(hash) {
@@ -62,8 +71,10 @@ function understood(setting) {
   const { form, correction } = setting;
   if (!Object.hasOwn(TABLES.forms, form)) throw new Error(`form: got ${form}`);
   if (!TABLES.forms[form].includes(correction)) {
-    throw new Error(`correction: got ${correction} for the form ${form}, expected one of`
-      + ` ${TABLES.forms[form].join(", ")}`);
+    throw new Error(
+      `correction: got ${correction} for the form ${form}, expected one of` +
+        ` ${TABLES.forms[form].join(", ")}`,
+    );
   }
   let kernel;
   try {
@@ -76,15 +87,18 @@ function understood(setting) {
   const hOverLambda = numberIn(setting, "h-over-lambda", ...TABLES.h_over_lambda);
   const jitter = numberIn(setting, "jitter", 0, TABLES.most_jitter);
   if (form === "paired" && jitter) {
-    throw new Error("form: paired needs neighbours at ±s, which displaced particles do not have;"
-      + " expected jitter 0, or the form standard");
+    throw new Error(
+      "form: paired needs neighbours at ±s, which displaced particles do not have;" +
+        " expected jitter 0, or the form standard",
+    );
   }
   return { kernel, dim, lattice, form, correction, dxOverH, hOverLambda, jitter };
 }
 
 /** Every number of a setting, for a person and for the tests. */
 function numbersOf(setting) {
-  const { kernel, dim, lattice, form, correction, dxOverH, hOverLambda, jitter } = understood(setting);
+  const { kernel, dim, lattice, form, correction, dxOverH, hOverLambda, jitter } =
+    understood(setting);
   const estimate = new Estimate(kernel, lattice, form, correction, dxOverH);
   const moments = estimate.moments(jitter > 0);
   return {
@@ -117,20 +131,31 @@ function conventionsOf(kernel, dim, hOverDx) {
 
 // Curves: the present setting with one thing changed.
 
-const spaced = (low, high, n) => Array.from({ length: n }, (_, i) => low * (high / low) ** (i / (n - 1)));
+const spaced = (low, high, n) =>
+  Array.from({ length: n }, (_, i) => low * (high / low) ** (i / (n - 1)));
 
 /** The parts of the error against h/λ. */
 function alongWavelength(known, points = 49) {
-  const estimate = new Estimate(known.kernel, known.lattice, known.form, known.correction, known.dxOverH);
-  return spaced(...TABLES.h_over_lambda, points)
-    .map((x) => ({ x, ...estimate.split(x, known.jitter) }));
+  const estimate = new Estimate(
+    known.kernel,
+    known.lattice,
+    known.form,
+    known.correction,
+    known.dxOverH,
+  );
+  return spaced(...TABLES.h_over_lambda, points).map((x) => ({
+    x,
+    ...estimate.split(x, known.jitter),
+  }));
 }
 
 /** The parts of the error at another Δx/h and h/λ, null where a correction is singular. */
 function errorAt(known, dxOverH, hOverLambda) {
   try {
-    return new Estimate(known.kernel, known.lattice, known.form, known.correction, dxOverH)
-      .split(hOverLambda, known.jitter);
+    return new Estimate(known.kernel, known.lattice, known.form, known.correction, dxOverH).split(
+      hOverLambda,
+      known.jitter,
+    );
   } catch {
     return null;
   }

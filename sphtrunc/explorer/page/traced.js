@@ -2,9 +2,13 @@
 // everything it was made of is found in one walk back (reverse differentiation).
 
 class Trace {
-  constructor() { this.nodes = []; }
+  constructor() {
+    this.nodes = [];
+  }
 
-  number(value) { return new Traced(this, value, null, 0, null, 0); }
+  number(value) {
+    return new Traced(this, value, null, 0, null, 0);
+  }
 
   /** What Σ weight · number changes by per change of every number, by its index. */
   back(seeds) {
@@ -30,14 +34,26 @@ class Traced {
     return new Traced(this.trace, value, this, slope, other, otherSlope);
   }
 
-  plus(x) { return this.made(this.value + x.value, 1, x, 1); }
-  minus(x) { return this.made(this.value - x.value, 1, x, -1); }
-  times(x) { return this.made(this.value * x.value, x.value, x, this.value); }
+  plus(x) {
+    return this.made(this.value + x.value, 1, x, 1);
+  }
+  minus(x) {
+    return this.made(this.value - x.value, 1, x, -1);
+  }
+  times(x) {
+    return this.made(this.value * x.value, x.value, x, this.value);
+  }
   over(x) {
     const ratio = this.value / x.value;
     return this.made(ratio, 1 / x.value, x, -ratio / x.value);
   }
-  scaled(n) { return this.made(n * this.value, n, null, 0); }
-  get size() { return Math.abs(this.value); }
-  get isZero() { return this.value === 0; }
+  scaled(n) {
+    return this.made(n * this.value, n, null, 0);
+  }
+  get size() {
+    return Math.abs(this.value);
+  }
+  get isZero() {
+    return this.value === 0;
+  }
 }
