@@ -17,6 +17,7 @@ from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import SYMMETRIC, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.scenes.neighbourhood import Stretches
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -33,10 +34,10 @@ class Weights:
         volume: Any,
         kernel: Kernel,
         operator: Operator,
-        stretch: Any = None,
+        stretches: Stretches = (None,),
     ) -> None:
         self.number, self.s, self.operator = number, s, operator
-        self.terms = _terms(number, s, number.length(s), volume, kernel, operator, stretch)
+        self.terms = terms_of(number, s, volume, kernel, operator, stretches)
         self._monomials: dict[MultiIndex, Any] = {}
 
     def monomial(self, alpha: MultiIndex) -> Any:
@@ -77,17 +78,17 @@ def estimate(
     degree: int | None,
     fields: list[Any],
     health: Health,
-    stretch: Any = None,
+    stretches: Stretches = (None,),
     density: Any = None,
 ) -> tuple[list[Any], dict[MultiIndex, Any]]:
     """Components of the estimate, and moments up to `degree`, in the arithmetic `number`.
 
     s: offsets along each axis, (N, T); volume: V/h^d; fields: samples, one for a scalar, d for a
-    vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
+    vector; stretches: of `Neighbourhood`; density: ρ_a/ρ_b for the symmetric form.
     """
     dim = len(s)
     zero = unit(dim, 0, 0)
-    weights = Weights(number, s, volume, kernel, operator, stretch)
+    weights = Weights(number, s, volume, kernel, operator, stretches)
     parts, sums = weights.coefficients(health)
     moments: dict[MultiIndex, Any] = {}
     if degree is not None:
@@ -132,11 +133,11 @@ def moments_by_fields(
     operator: Operator,
     fields: dict[MultiIndex, Any],
     health: Health,
-    stretch: Any = None,
+    stretches: Stretches = (None,),
 ) -> dict[MultiIndex, Any]:
     """The moments of the first component as what it gives for s^α, sampled: where particles carry
     other values than those of the field at their place."""
-    weights = Weights(number, s, volume, kernel, operator, stretch)
+    weights = Weights(number, s, volume, kernel, operator, stretches)
     parts, _ = weights.coefficients(health)
     moments = {alpha: applied(weights, parts[:1], one)[0] for alpha, one in fields.items()}
     zero = unit(len(s), 0, 0)
@@ -150,6 +151,23 @@ def _targets(s: list[Any]) -> tuple[int, ...]:
     return tuple(shape[1:])
 
 
+def terms_of(
+    number: Any,
+    s: list[Any],
+    volume: Any,
+    kernel: Kernel,
+    operator: Operator,
+    stretches: Stretches = (None,),
+) -> dict[Any, Any]:
+    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs, (N, T): the mean over the
+    kernels that a pair takes."""
+    q = number.length(s)
+    each = [_terms(number, s, q, volume, kernel, operator, one) for one in stretches]
+    if len(each) == 1:
+        return each[0]
+    return {name: (each[0][name] + each[1][name]) * 0.5 for name in each[0]}
+
+
 def _terms(
     number: Any,
     s: list[Any],
@@ -159,7 +177,7 @@ def _terms(
     operator: Operator,
     stretch: Any,
 ) -> dict[Any, Any]:
-    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
+    """The same of one kernel, h_a/h = stretch."""
     dim = len(s)
     needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
     argument = q if stretch is None else q * stretch

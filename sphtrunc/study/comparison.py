@@ -44,10 +44,6 @@ def rule(scene: Scene) -> tuple[Lattice, float, str]:
 
     Raises ValueError, saying so, for graded spacing: there is no theory.
     """
-    if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
-        raise ValueError(
-            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
-        )
     if isinstance(scene, Jittered):
         return scene.lattice, scene.sigma, scene.distribution
     if isinstance(scene, Lattice):
@@ -298,6 +294,7 @@ def predict_error(
         distribution=distribution,
         volume=lattice.volume,
         precision=precision,
+        wall=lattice.wall,
     )[0]
 
 

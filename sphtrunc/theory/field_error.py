@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import pi
+from math import ceil, pi
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,7 @@ from sphtrunc.theory.fields import Signals, Waves
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.walls import Wall
 
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -70,6 +71,7 @@ def predict_waves(
     distribution: str = "gaussian",
     volume: str = "constant",
     precision: str = "plain",
+    wall: Wall | None = None,
 ) -> list[Split]:
     """The error for sinusoids along `direction` (default: the first axis), one Split for every h/λ.
 
@@ -79,7 +81,7 @@ def predict_waves(
     kappa = 2 * pi * np.asarray(h_over_lambda, dtype=np.float64)
     return predict_fields(
         kernel, operator, kind, dx_over_h, offset, Waves(kappa, along / np.linalg.norm(along)),
-        sigma=sigma, distribution=distribution, volume=volume, precision=precision,
+        sigma=sigma, distribution=distribution, volume=volume, precision=precision, wall=wall,
     )  # fmt: skip
 
 
@@ -95,6 +97,7 @@ def predict_fields(
     distribution: str = "gaussian",
     volume: str = "constant",
     precision: str = "plain",
+    wall: Wall | None = None,
 ) -> list[Split]:
     """The error for each of K signals.
 
@@ -102,26 +105,34 @@ def predict_fields(
     sigma, distribution: of the displacements, σ/Δx along each axis
     volume: "constant", "cell" (1D) or "summation"
     precision: in which the sums are evaluated, as for `measure`
+    wall: a plane wall without ghosts; displaced particles stay on the side of their sites
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
 
-    Raises ValueError for vector operators, and where a correction is singular.
+    Raises ValueError for vector operators, where a correction is singular, and beside a wall for
+    ghosts and the nested form.
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
-    pairs = not sigma and in_pairs(kind, offset)
+    first, share, eta = None, 1.0, None
+    if wall is not None:
+        _require_bare(wall, operator)
+        offset, phase = wall.placed(kind, dx_over_h, offset)
+        first, eta = ceil(-phase), wall.eta
+        share = float(wall.share) if phase.denominator == 1 else 1.0
+    pairs = not sigma and wall is None and in_pairs(kind, offset)
     operator.require_pairs(pairs)
     dim = len(offset)
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit_error(kernel, operator)
+    limit = signals.limit_error(kernel, operator, eta)
     if nested:
         seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
         value, noise = seen.estimate(signals)
         neighbours = len(seen.near)
     else:
-        particles = _Particles(kernel, kind, dx_over_h, offset, volume)
+        particles = _Particles(kernel, kind, dx_over_h, offset, volume, first, share)
         here = particles.points[:, None, :]
         value, _, noise = particles.estimate(operator, signals, here, np.ones(1))
         neighbours = particles.neighbours
@@ -149,6 +160,7 @@ def predict_fields(
                 still,
                 sigma,
                 distribution,
+                first=first,
             )
             mean = still + spread.shift
             variance = np.maximum(spread.second - spread.shift**2, 0.0)
@@ -164,6 +176,14 @@ def predict_fields(
     uncertainty = known * scale**2 / np.where(known > 0, 2.0 * total**2, 1.0)
     columns = (total, rms(limit), rms(still - limit), disorder, rounding, uncertainty)
     return [Split(*(float(x) for x in row)) for row in zip(*columns, strict=True)]
+
+
+def _require_bare(wall: Wall, operator: Operator) -> None:
+    if wall.ghosts != "none" or operator.form == NESTED:
+        raise ValueError(
+            "ghosts: of fields beside a wall there is theory without ghosts, and not for the nested"
+            " form; expected ghosts none and another form, or moments alone"
+        )
 
 
 def floor(noise: Array, estimate: Array, neighbours: int, precision: str) -> Array:

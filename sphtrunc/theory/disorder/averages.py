@@ -81,10 +81,17 @@ class _Particles:
         dx_over_h: Fraction,
         offset: Sequence[Fraction],
         volume: str,
+        first: int | None = None,
+        share: float = 1.0,
     ) -> None:
+        """first: the first plane of particles along the first axis, if a wall cuts off the others,
+        and share: what counts of a particle in it."""
         self.kernel, self.dim = kernel, len(offset)
         self.ratio = ratio = float(dx_over_h)
         self.index = sites(kind, float(kernel.support) / ratio + 1.5, tuple(offset))
+        if first is not None:
+            self.index = self.index[:, self.index[0] >= first]
+        self.shares = np.where(self.index[0] == first, share, 1.0)[:, None]
         length = np.array([float(u) for u in units(kind)])
         self.points = ratio * (self.index.T * length + np.array([float(o) for o in offset]))
         self.volume = ratio**self.dim
@@ -99,9 +106,9 @@ class _Particles:
         self.moves = np.where(own & self.moving, 0.0, 1.0)  # relative to the target
 
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
-        """g_key at the offsets s, (…, d)."""
+        """g_key of the particles at the offsets s, (N, Q, d)."""
         q = np.sqrt((s * s).sum(axis=-1))
-        factor = cache(lambda k: factor_values(self.kernel, k, q, self.dim))
+        factor = cache(lambda k: self.shares * factor_values(self.kernel, k, q, self.dim))
         return {
             key: sum(c * monomial(s, beta) * factor(k) for c, beta, k in parts(key)) for key in keys
         }

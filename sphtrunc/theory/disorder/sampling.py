@@ -73,11 +73,13 @@ def displaced(
     sigma: float,
     distribution: str,
     axis: int | None = None,
+    first: int | None = None,
 ) -> Spread:
     """What displacements of standard deviation σ, in Δx, do to every signal, component and part.
 
     still: E₀ − exact on the lattice, (K, C, F), for what the mean of (E − exact)² is good to
     axis: the only component that is looked at
+    first: the first plane of particles along the first axis, if a wall cuts off the others
 
     Raises ValueError where the correction is singular at all displacements.
     """
@@ -85,8 +87,8 @@ def displaced(
     if operator.form == NESTED:
         stencil = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
     else:
-        stencil = Stencil(kernel, kind, dx_over_h, offset, volume)
-    around = Around(kernel, operator, kind, dx_over_h, offset, volume, sigma, distribution)
+        stencil = Stencil(kernel, kind, dx_over_h, offset, volume, first=first)
+    around = Around(kernel, operator, kind, dx_over_h, offset, volume, sigma, distribution, first)
     rows = around.rows_of(stencil.index)
     slopes = slopes_of(stencil, operator, signals)
     shape = tuple(1 + max(axis) for axis in zip(*slopes, strict=True))
@@ -184,6 +186,7 @@ class Around:
         volume: str,
         sigma: float,
         distribution: str,
+        first: int | None = None,
     ) -> None:
         self.kernel, self.operator, self.volume = kernel, operator, volume
         self.dim, self.ratio = len(offset), float(dx_over_h)
@@ -194,6 +197,8 @@ class Around:
         reach = levels * (support / self.ratio + margin)
         reach += 1.5 + 2.0 * margin if volume == "cell" else 0.0
         self.index = sites(kind, reach, tuple(offset))
+        if first is not None:
+            self.index = self.index[:, self.index[0] >= first]
         length = np.array([float(x) for x in units(kind)])
         self.points = self.ratio * (self.index.T * length + np.array([float(x) for x in offset]))
         square = (self.points**2).sum(axis=1)

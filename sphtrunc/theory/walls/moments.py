@@ -34,6 +34,7 @@ from typing import Any, NamedTuple
 
 from sympy import Expr, Rational
 
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.corrections import below, shifted
 from sphtrunc.operators.moments import MultiIndex, add
@@ -210,9 +211,7 @@ def cut_moments(
     require(kernel, operator)
     eta: Any = Rational(wall.eta.numerator, wall.eta.denominator)
     layered = in_layers(operator, wall.ghosts)
-    closed = dim != 2 or operator.uncorrected
-    if dim == 3 and operator.form == FATEHI_MANZARI:
-        closed = False  # logarithms
+    closed = is_rational(operator, dim) or (dim == 2 and operator.uncorrected)
     if layered or not closed or not exact:
         eta = real_context().mpf(wall.eta.numerator) / wall.eta.denominator
 
@@ -230,6 +229,19 @@ def cut_moments(
     fluid = HalfSpace(lambda keys: sums(keys, eta), lambda keys: sums(keys, -eta), layers)
     found = moments_of(operator, dim, degree, axis, eta, wall.ghosts, fluid)
     return {alpha: settled(value, 25 if layered else 40) for alpha, value in found.items()}
+
+
+def is_rational(operator: Operator, dim: int) -> bool:
+    """The sums of the operator over a half space at a rational distance are rational: no roots, as
+    in 2D, and no logarithms."""
+    return dim == 1 or (dim == 3 and operator.form != FATEHI_MANZARI)
+
+
+def cut_number(kernel: Kernel, operator: Operator, key: Key, eta: Fraction) -> Any:
+    """`cut_sum` as a number to compute with: a Fraction where it is one, else of 50 digits."""
+    if is_rational(operator, len(key[1])):
+        return fraction(cut_sum(kernel, key, Rational(eta.numerator, eta.denominator)))
+    return cut_sum(kernel, key, real_context().mpf(eta.numerator) / eta.denominator)
 
 
 def nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
