@@ -33,7 +33,9 @@ function shown() {
     problem: document.getElementById("problem").textContent,
     hash: location.hash,
     summary: document.getElementById("summary").textContent,
-    curves: [...document.querySelectorAll("figure path")].map((x) => x.getAttribute("d").length),
+    curves: [...document.querySelectorAll("figure path.total")].map(
+      (x) => x.getAttribute("d").length,
+    ),
     commands: [...document.querySelectorAll("#commands pre")].map((x) => x.textContent),
     error: { total, smoothing, discretisation, disorder },
     moments: [0, 2, 4, 6].map((i) => moments[i] + Number(i === 2)),

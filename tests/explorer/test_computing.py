@@ -15,40 +15,9 @@ from sphtrunc import lattice as lattice_of
 from sphtrunc.explorer.setting import Setting, numbers
 from sphtrunc.kernels.catalogue import named, names
 from sphtrunc.kernels.parse import kernel
-from sphtrunc.operators.operator import CORRECTIONS, OPERATORS
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.sites import KINDS, sites, units
-from tests.explorer.settings import COUNT, TABLES, apart, engine, expected, random_settings, words
-
-CHUNKS = 4
-
-
-@pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_random_settings_agree_with_the_package(chunk):
-    for n in range(chunk, COUNT, CHUNKS):
-        at = random_settings()[n]
-        got = engine()("numbersOf", words(at))
-        assert "is" in got, (at, got)
-        assert not apart(at, got["is"], expected(n)), at
-
-
-def test_the_random_settings_meet_everything():
-    found = random_settings()
-    assert len(found) == COUNT
-    assert {at.lattice for at in found} == set(KINDS)
-    assert {at.form for at in found} == set(OPERATORS["gradient"][1])
-    assert {at.correction for at in found} == set(CORRECTIONS)
-    assert 0.3 < sum(at.jitter > 0 for at in found) / COUNT < 0.7
-
-
-def test_a_wrong_number_is_found():
-    at = random_settings()[0]
-    wanted = {"moments": [0.0, 0.98], "error": {"total": 1e-2}}
-    assert not apart(at, wanted, wanted)
-    assert apart(at, {"moments": [0.0, 0.98], "error": {"total": 1e-2 * (1 + 1e-7)}}, wanted) == {
-        ".error.total": (1e-2 * (1 + 1e-7), 1e-2)
-    }
-    assert set(apart(at, {"moments": [0.0, 0.98]}, wanted)) == {".error.total"}
+from tests.explorer.settings import TABLES, engine, words
 
 
 def test_every_kernel_of_the_catalogue():

@@ -162,7 +162,7 @@ function errorAt(known, dxOverH, hOverLambda) {
 }
 
 /** The parts of the error against the number of neighbours, V_d (κh/Δx)^d, at the present h/λ. */
-function alongNeighbours(known, points = 61) {
+function alongNeighbours(known, points = 41) {
   const { kernel, dim } = known;
   const [low, high] = ratioLimits(kernel, dim);
   return spaced(high, low, points)
@@ -181,7 +181,7 @@ function pathOf(known) {
 
 /** The error against λ/Δx, from the present setting on: at its number of neighbours, and on the path
  * h ∝ Δx^p, on which there are more and more of them. */
-function alongRefinement(known, points = 25, finest = 64) {
+function alongRefinement(known, points = 17, finest = 64) {
   const { kernel, dim, dxOverH, hOverLambda } = known;
   const p = Rational.parse(pathOf(known).p).toNumber();
   const start = 1 / (dxOverH * hOverLambda);
