@@ -15,6 +15,7 @@ from sphtrunc.figures.picture import Curve, Panel, Picture, measured, predicted,
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.kernels.transform import smoothing_error, transform
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.theory.deriving import derive
 from sphtrunc.theory.field_error import predict_waves
@@ -42,7 +43,7 @@ def wave_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) 
     smoothing = smoothing_error(kernel, [2 * pi * x for x in h_over_lambda])
     errors = []
     for x, part in zip(h_over_lambda, smoothing, strict=True):
-        _, shells = reciprocal(kernel, [2 * pi * x], "uniform", ratio, shells=SHELLS)
+        _, shells = reciprocal(kernel, [2 * pi * x], Arrangement("uniform", ratio), SHELLS)
         errors.append(sum(shells).real - float(part))
     return errors
 
@@ -63,8 +64,8 @@ def seen(
     """Measured rms errors on a uniform lattice, and what rounding alone may make of them."""
     (row,) = waves(lattice(1, dx_over_h=ratio), kernel, [Operator("gradient")], h_over_lambda)
     errors = [float(m.error["rms"]) for m in row if m.error is not None]
-    here = (kernel, Operator("gradient"), "uniform", ratio, (Fraction(0),))
-    splits = predict_waves(*here, [min(h_over_lambda)])
+    here = Arrangement("uniform", ratio)
+    splits = predict_waves(kernel, Operator("gradient"), here, [min(h_over_lambda)])
     return errors, 5 * splits[0].rounding
 
 

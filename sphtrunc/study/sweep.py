@@ -239,9 +239,8 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
-        home = getattr(scene, "lattice", scene)
-        if float(home.dx_over_h) > 0.5 * float(kernel.support):
-            home.rows(kernel)  # there may be no neighbour
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support):
+            (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
 
@@ -261,7 +260,7 @@ def run_group(group: Group) -> list[Row]:
         operators,
         lengths,
         rtol=group["rtol"],
-        targets=group["targets"] if group["targets"] and hasattr(scene, "sigma") else None,
+        targets=group["targets"] if group["targets"] and scene.sigma else None,
         seed=group["seed"],
     )
     rows = []
@@ -271,7 +270,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": getattr(scene, "lattice", scene).kind,
+                "lattice": scene.kind,
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -297,20 +296,8 @@ def _theory(
 
     from sphtrunc.theory.field_error import predict_waves
 
-    lattice = getattr(scene, "lattice", scene)
-    splits = predict_waves(
-        kernel,
-        operator,
-        lattice.kind,
-        lattice.dx_over_h,
-        lattice.offset,
-        lengths,
-        sigma=getattr(scene, "sigma", 0.0),
-        distribution=getattr(scene, "distribution", "gaussian"),
-        volume=lattice.volume,
-    )
     rows = []
-    for split in splits:
+    for split in predict_waves(kernel, operator, scene, lengths):
         row = asdict(split)
         rows.append({"predicted": row.pop("total"), **row})
     return rows

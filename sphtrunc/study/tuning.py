@@ -19,6 +19,7 @@ from sphtrunc.kernels.conventions import BALL
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import DEFAULT
 from sphtrunc.theory.disorder.spectral_law import predict_errors_from
 from sphtrunc.theory.disorder.structure_factor import StructureFactor
@@ -66,16 +67,13 @@ class Problem:
             return predict_errors_from(
                 kernel, self.operator, self.disorder, r, waves, at="particles"
             )
-        return predict_waves(
-            kernel,
-            self.operator,
+        scene = Arrangement(
             self.lattice or DEFAULT[self.dim],
             Fraction(r).limit_denominator(FINEST),
-            (Fraction(0),) * self.dim,
-            lengths,
             sigma=self.sigma,
             distribution=self.distribution,
         )
+        return predict_waves(kernel, self.operator, scene, lengths)
 
     def split(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split] | None:
         """The same, None where a correction is singular or no neighbour is left."""

@@ -26,6 +26,7 @@ from sphtrunc.kernels.catalogue import names
 from sphtrunc.kernels.values import kernel_values
 from sphtrunc.operators.moments import multi_indices
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
@@ -55,7 +56,7 @@ def test_measured_is_derived_within_the_bound(name: str) -> None:
     keys = dict.fromkeys(key for operator in DERIVED for key in operator.needed(1, 4))
     for (i, ratio), offset in product(enumerate(RATIOS), OFFSETS):
         step, shift = Fraction(ratio), Fraction(offset)
-        found = lattice_sums(kernel, keys, "uniform", step, (shift,))
+        found = lattice_sums(kernel, keys, Arrangement("uniform", step, (shift,)))
         sums = {key: Fraction(str(value)) for key, value in found.items()}
         scene = lattice(1, None, step, shift)
         for operator in DERIVED:
@@ -358,7 +359,7 @@ def test_bounds_hold_for_summed_volumes_on_lattices(kind: str, offset: Any) -> N
     scene = lattice(2 if offset == 0 else 3, kind, "4/5", offset, volume="summation")
     kernel, operator = sphtrunc.kernel("wendland-c4"), Operator("gradient", "difference")
     keys = operator.needed(scene.dim, 2)
-    sums = lattice_sums(kernel, keys, kind, Fraction(4, 5), scene.offset, False, "summation")
+    sums = lattice_sums(kernel, keys, scene, False)
     derived = operator.correct(sums, scene.dim, 2)
     found = measure(scene, kernel, operator, moments=2, bound=True)
     assert found.moment_bound is not None
