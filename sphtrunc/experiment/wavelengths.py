@@ -29,7 +29,7 @@ from sphtrunc.experiment import nested
 from sphtrunc.experiment.blocks import evaluated
 from sphtrunc.experiment.fields import Sinusoid, sinusoid
 from sphtrunc.experiment.measurement import Block, Measurement
-from sphtrunc.experiment.neighbour_sums import _terms, exact_derivatives
+from sphtrunc.experiment.neighbour_sums import Weights, exact_derivatives
 from sphtrunc.experiment.statistics import _chosen, gathered, relative_width, squares, until
 from sphtrunc.experiment.task import Task
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
@@ -137,7 +137,7 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
         if any(short):
             kept = [t for t, s in zip(row, short, strict=True) if s]
             top = max(x for x, s in zip(reach, short, strict=True) if s)
-            series = _series(kept, block, distance, target, counts, top)
+            series = _series(kept, block, target, counts, top)
         taken = iter(series)
         result.append(
             [
@@ -166,7 +166,6 @@ def degree_of_series(reach: float, derivatives: int) -> int:
 def _series(
     tasks: Sequence[Task],
     block: Neighbourhood,
-    distance: Array,
     target: Indices,
     counts: tuple[Indices, Indices],
     reach: float,
@@ -177,7 +176,7 @@ def _series(
     number, health = Plain(), Health()
     s = list(block.offset)
     volume = np.asarray(block.volume)
-    terms = _terms(number, s, distance, volume, kernel, operator, block.stretch)
+    terms = Weights(number, s, volume, kernel, operator, block.stretch).terms
 
     def weight(term: Any, alpha: tuple[int, ...]) -> Array:
         result = terms[term]
@@ -191,7 +190,7 @@ def _series(
         sums = {key: number.total(weight(*key)) for key in operator.needed(dim, 0)}
     parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
     powers = degree_of_series(reach, m) + 1
-    moments = np.empty((powers, len(parts), distance.shape[1]))
+    moments = np.empty((powers, len(parts), s[0].shape[1]))
     for c, part in enumerate(parts):
         rows = [x if isinstance(x, int) and x == 1 else None for x in part.values()]
         total = sum(

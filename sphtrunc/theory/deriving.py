@@ -28,10 +28,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import in_pairs, lattice_of
 from sphtrunc.theory.derivation import Derivation
-from sphtrunc.theory.euler_maclaurin import (
-    _terms,
-    euler_maclaurin_sums,
-)
+from sphtrunc.theory.euler_maclaurin import KnotTerm, euler_maclaurin, euler_maclaurin_sums
 from sphtrunc.theory.lattice_sums import lattice_moments, rounded
 from sphtrunc.theory.limit import _moments, continuous_sum
 from sphtrunc.theory.orders import _orders
@@ -135,7 +132,13 @@ def derive(
     needed = operator.needed(dim, degree)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
     limit = _moments(operator, continuous, dim, degree, "continuous limit")
-    terms = _terms(kernel, needed) if dim == 1 and isinstance(kernel, Kernel) else ()
+    terms: tuple[KnotTerm, ...] = ()
+    if dim == 1 and isinstance(kernel, Kernel):
+        terms = tuple(
+            KnotTerm(term, alpha[0], *row)
+            for term, alpha in needed
+            for row in euler_maclaurin(kernel, term, alpha[0])
+        )
     discrete = scene = None
     if ratio is not None and ratio.is_Rational:
         scene = Arrangement(kind, fraction(ratio), tuple(fraction(x) for x in shift), volume)
@@ -164,7 +167,7 @@ def derive(
         lattice=kind,
         volume=volume,
         discrete=discrete,
-        find_orders=partial(_orders, kernel, operator, dim, degree, theta),
+        find_orders=partial(_orders, kernel, operator, dim, degree, theta, terms),
         find_aliasing=partial(_explained, kernel, operator, dim, scene),
         scatter=None
         if jitter is None

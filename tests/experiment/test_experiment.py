@@ -21,7 +21,7 @@ from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.plain import Compensated, Plain
 from sphtrunc.experiment import fields as fd
 from sphtrunc.experiment.measuring import measure
-from sphtrunc.experiment.neighbour_sums import estimate
+from sphtrunc.experiment.neighbour_sums import Weights, estimate
 from sphtrunc.kernels.catalogue import names
 from sphtrunc.kernels.values import kernel_values
 from sphtrunc.operators.moments import multi_indices
@@ -107,7 +107,8 @@ def both(
         volume = number.number(block.volume, block.volume_low, block.volume_error)
         sample = wave.at(number, block, s, own)
         health = Health()
-        parts, _ = estimate(number, s, volume, kernel, operator, None, [sample], health)
+        weights = Weights(number, s, volume, kernel, operator)
+        parts, _ = estimate(weights, None, [sample], health)
         assert np.all(np.asarray(health.condition) < 1e8)
         results.append(parts)
     error = [
@@ -184,9 +185,8 @@ def test_reported_bounds_hold_and_are_tight_against_sixty_digits(case: tuple[Any
             s = [number.number(x) for x in offset]
             own = tuple(float(x[0]) for x in wave.own(np.array([t]), 0))
             sample = wave.at(number, None, s, own)
-            parts, moments = estimate(
-                number, s, number.number(volume), kernel, operator, 1, [sample], Health()
-            )
+            weights = Weights(number, s, number.number(volume), kernel, operator)
+            parts, moments = estimate(weights, 1, [sample], Health())
             rows = [[sample.derivatives[mu] for mu in row] for row in operator.components(dim)]
             for i, (part, row) in enumerate(zip(parts, rows, strict=True)):
                 true = (part - sum(row)) / mp.mpf(scale)
@@ -236,9 +236,8 @@ def test_reported_bounds_hold_in_every_kind_of_scene(name: str) -> None:
             s = [number.number(x) for x in offset]
             stretch = scene.exact_pairs(int(t), kernel)[1] if hasattr(scene, "mode") else None
             stretch = None if stretch is None else number.number(stretch)
-            _, moments = estimate(
-                number, s, number.number(volume), kernel, Operator(), 1, [], Health(), stretch
-            )
+            weights = Weights(number, s, number.number(volume), kernel, Operator(), stretch)
+            _, moments = estimate(weights, 1, [], Health())
             for alpha, m in moments.items():
                 gap = abs(mp.mpf(float(found.moments[alpha][t])) - m)
                 assert gap <= found.moment_bound[alpha][t]
