@@ -21,6 +21,10 @@ _HELP = {
     "jitter": "Random displacement σ/Δx.",
     "distribution": "gaussian, uniform or blue.",
     "volume": "constant, cell or summation.",
+    "wall": "A plane wall or free surface, at these distances from the target in h.",
+    "wall-at": "Where the lattice has it: particle, half-way, P/Q steps before the first plane.",
+    "wall-weight": "What part of a particle on the wall counts.",
+    "ghosts": "Beyond the wall: none, mirror, odd or dummy.",
     "operator": "name, name/form or name/form/correction, as gradient/difference/csph.",
     "form": "standard, difference, symmetric, paired, direct, brookshaw, fatehi-manzari, nested.",
     "correction": "none, shepard, csph, csph-shepard, rkpm-1 to rkpm-3.",
@@ -66,6 +70,7 @@ def command(
 
     \b
     sphtrunc sweep --h-over-lambda 1e-3:0.3:9log --dx-over-h 0.2,4/11 --jitter 0,0.05 -o table.csv
+    sphtrunc sweep --wall 0:2:9 --wall-at half-way --ghosts none,mirror -o profile.csv
     sphtrunc sweep --kernel cubic-spline --kernel wendland-c2 --dim 3 --dx-over-h 0.7 \\
                    --operator gradient/standard,gradient/difference/csph --workers 2 -o table.csv
     """

@@ -17,6 +17,7 @@ from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import SYMMETRIC, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.scenes.neighbourhood import Stretches
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -26,7 +27,7 @@ class Weights:
     """The terms of an operator at the neighbours of T targets, (N, T), in the arithmetic `number`,
     and sums of them.
 
-    s: offsets along each axis, (N, T); volume: V/h^d; stretch: h_a/h_ab
+    s: offsets along each axis, (N, T); volume: V/h^d; stretches: of `Neighbourhood`
     terms: (−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs
     """
 
@@ -37,22 +38,29 @@ class Weights:
         volume: Any,
         kernel: Kernel,
         operator: Operator,
-        stretch: Any = None,
+        stretches: Stretches = (None,),
     ) -> None:
         self.number, self.s, self.kernel, self.operator = number, s, kernel, operator
         self._monomials: dict[MultiIndex, Any] = {}
         self.terms: dict[Any, Any] = {}
-        dim, q, weight = len(s), number.length(s), volume
-        argument = q if stretch is None else q * stretch
-        for _ in range(0 if stretch is None else dim):
-            weight = weight * stretch
+        dim, q = len(s), number.length(s)
+        each = []  # (h_a/h, q h_a/h, V (h_a/h)^d) of the kernels that a pair takes in equal shares
+        for stretch in stretches:
+            weight = volume
+            for _ in range(0 if stretch is None else dim):
+                weight = weight * stretch
+            each.append((stretch, q if stretch is None else q * stretch, weight))
         needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
         orders = {1 if isinstance(term, str) else sum(term) for term in needed}
-        values: dict[int, Any] = {}  # V Ŵ^(k), with the powers of h_a/h_ab that belong to it
+        values: dict[int, Any] = {}  # V Ŵ^(k)
         for k in sorted(orders | {1} if max(orders) else orders):
-            values[k] = kernel_values(number, kernel, argument, k, dim) * weight
-            for _ in range(0 if stretch is None else k):
-                values[k] = values[k] * stretch
+            found = []
+            for stretch, argument, weight in each:
+                one = kernel_values(number, kernel, argument, k, dim) * weight
+                for _ in range(0 if stretch is None else k):
+                    one = one * stretch
+                found.append(one)
+            values[k] = found[0] if len(found) == 1 else (found[0] + found[1]) * 0.5
         slope, axes = (-values[1], number.directions(s, q)) if 1 in values else (None, [])
         for term in needed:
             if term in (BROOKSHAW, FATEHI_MANZARI):

@@ -25,7 +25,7 @@ from sphtrunc.experiment.neighbour_sums import Weights
 from sphtrunc.operators.corrections import combine, shifted
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices
 from sphtrunc.scenes.lattice import Lattice
-from sphtrunc.scenes.neighbourhood import CELLS, EDGE, Indices, Neighbourhood, compact
+from sphtrunc.scenes.neighbourhood import CELLS, EDGE, Indices, Neighbourhood, Stretches, compact
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.scene import Scene
 from sphtrunc.scenes.sites import KINDS
@@ -41,7 +41,7 @@ class View:
 
     rows: which of the N; s: offsets from them along each axis, (M, R, T), in units of their own h,
     and volume, V/h^d: or shapes that broadcast to it
-    stretch: as in `Neighbourhood`, a number
+    stretches: as of `Neighbourhood`
     pair: which particles (c, b), (M, R, T) and (R, T), if explicit
     scale: h_b/h_a and its inverse, numbers (R, T), where the smoothing lengths differ, else None
     """
@@ -49,7 +49,7 @@ class View:
     rows: slice
     s: list[Any]
     volume: Any
-    stretch: Any = None
+    stretches: Stretches = (None,)
     pair: tuple[Indices, Indices] | None = None
     scale: tuple[Any, Any] | None = None
 
@@ -106,10 +106,10 @@ def estimate(
         rows = view.rows
         near = [x[rows] for x in s]
         shared = np.shape(block.volume)[0] == 1
-        stretch = None if stretched is None else stretched[rows]
-        at = Weights(number, near, volume if shared else volume[rows], kernel, gradient, stretch)
+        some = tuple(x if x is None else x[rows] for x in stretched)
+        at = Weights(number, near, volume if shared else volume[rows], kernel, gradient, some)
         well = Health()
-        there = Weights(number, view.s, view.volume, kernel, gradient, view.stretch)
+        there = Weights(number, view.s, view.volume, kernel, gradient, view.stretches)
         inner, seen = slopes(there, well)
         _worst(health, well, block, rows, float(kernel.support))
         t, back = view.s, None
@@ -141,9 +141,7 @@ def estimate(
 
 def _worst(health: Health, well: Health, block: Neighbourhood, rows: slice, support: float) -> None:
     """The condition of a target is the worst among those of its neighbours and its own."""
-    offset = block.offset[:, rows]
-    q = np.sqrt((offset * offset).sum(axis=0))
-    inside = (q if block.stretch is None else q * block.stretch[rows]) < support
+    inside = block.distance[rows] < support
     condition = np.where(inside, well.condition, 0.0)
     health.condition = np.maximum(health.condition, condition.max(axis=0, initial=0.0))
 
@@ -274,7 +272,7 @@ def _of_particles(
         rows=rows,
         s=seen.offsets(number),
         volume=seen.volumes(number),
-        stretch=seen.stretches(number),
+        stretches=seen.stretches(number),
         pair=(seen.particle, b),
         scale=scale,
     )

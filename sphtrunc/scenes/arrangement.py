@@ -130,6 +130,15 @@ class Arrangement:
         found = sites(self.kind, reach, self.offset)
         return found if self.wall is None else found[:, found[0] >= ceil(-self.wall_phase)]
 
+    def shares(self, m: Indices) -> NDArray[Any]:
+        """What counts of the particles at integer points m, (N,): less of those on a wall."""
+        import numpy as np
+
+        on = None if self.wall is None else -self.wall_phase
+        if self.wall is None or on is None or on.denominator > 1:
+            return np.ones(m.shape[1])
+        return np.where(m[0] == int(on), float(self.wall.share), 1.0)
+
     def positions(self, m: Indices) -> NDArray[Any]:
         """s, (N, d) in h, of the particles at integer points m without their displacements."""
         import numpy as np

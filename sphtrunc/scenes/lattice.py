@@ -286,11 +286,13 @@ def _stencil(
 
 def _any_inside(lattice: Arrangement, m: Indices, kernel: Kernel) -> bool:
     """At least one particle, not at the target, strictly inside the support."""
-    if m.shape[1] > 1000:
+    support = float(kernel.support)
+    place = _positions(lattice, m, lattice.dx_over_h)[0]
+    square = (place * place).sum(axis=0) / support**2
+    if np.any((square > 1e-9) & (square < 1 - 1e-9)):  # far beyond rounding
         return True
     position = _exact_positions(lattice, m) * lattice.dx_over_h
-    square = (position * position).sum(axis=0)
-    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in square)
+    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in (position * position).sum(axis=0))
 
 
 @lru_cache(maxsize=16)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 Indices: TypeAlias = NDArray[np.int64]
+Stretches: TypeAlias = tuple[Any, ...]  # h_a/h of each kernel of a pair, None where that is 1
 Triple: TypeAlias = tuple[Any, Any, Any]  # values, low parts or None, bounds of errors or None
 
 CELLS = 1 << 15  # candidates of one block: the arrays of a block stay in the second-level cache
@@ -50,6 +51,7 @@ class Neighbourhood:
     target: (T,) which targets these are
     particle: (N, T) which particles the rows are, −1 for padding; explicit particles only
     stretch: (N, T) h_a/h_ab where every particle has an h of its own, else None
+    mean_kernel: whether a pair takes the mean of two kernels, with h_a and with h_ab
     h: smoothing length of the target, (T,) or 1
     offset_low, volume_low, stretch_low: what is to be added in double-double work, else None
     offset_error, volume_error, stretch_error: bounds of the rounding errors, broadcast likewise, if
@@ -62,6 +64,7 @@ class Neighbourhood:
     target: Indices
     particle: Indices | None = None
     stretch: Array | None = None
+    mean_kernel: bool = False
     h: Array | float = 1.0
     offset_low: Array | None = None
     volume_low: Array | None = None
@@ -82,11 +85,22 @@ class Neighbourhood:
         """In an arithmetic."""
         return number.number(self.volume, self.volume_low, self.volume_error)
 
-    def stretches(self, number: Any) -> Any:
-        """In an arithmetic; None where there are none."""
+    def stretches(self, number: Any) -> Stretches:
+        """h_a/h of each of the kernels that a pair takes in equal shares, in an arithmetic."""
         if self.stretch is None:
-            return None
-        return number.number(self.stretch, self.stretch_low, self.stretch_error)
+            return (None,)
+        there = number.number(self.stretch, self.stretch_low, self.stretch_error)
+        return (None, there) if self.mean_kernel else (there,)
+
+    @property
+    def distance(self) -> Array:
+        """|x_b − x_a| over the h, or the larger h, of the pair, (N, T)."""
+        distance = np.sqrt(sum(x * x for x in self.offset))
+        if self.stretch is None:
+            return np.asarray(distance)
+        return np.asarray(
+            distance * (np.minimum(self.stretch, 1.0) if self.mean_kernel else self.stretch)
+        )
 
 
 def compact(near: NDArray[np.bool_], arrays: dict[str, Array], far: float) -> dict[str, Array]:

@@ -23,12 +23,12 @@ from sphtrunc.arithmetic.summation import (
     two_sum,
 )
 from sphtrunc.kernels.values import kernel_values
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
-MODES = ("gather", "scatter", "mean")
 _PLAIN = 128  # 2^±128: cubes of such lengths are far from the ends of the range
 
 
@@ -142,7 +142,7 @@ class Particles:
                     f" {reach:g}: a particle would meet its own image"
                 )
         h = self.h[target]
-        if self.mode == "scatter":
+        if self.mode in ("scatter", "mean-kernel"):
             h = np.full_like(h, self.h.max())
         elif self.mode == "mean":
             h = 0.5 * (h + self.h.max())
@@ -229,7 +229,7 @@ class Particles:
         stretch_low: Array | None = None
         if not self.one_h:
             h_b = self.h[particle]
-            both = dd(h_b) if self.mode == "scatter" else two_sum(0.5 * h, 0.5 * h_b)
+            both = two_sum(0.5 * h, 0.5 * h_b) if self.mode == "mean" else dd(h_b)
             stretch = h / both[0]
             if extended:
                 stretch, stretch_low = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
@@ -240,6 +240,7 @@ class Particles:
             target=target,
             particle=particle,
             stretch=stretch,
+            mean_kernel=self.mode == "mean-kernel",
             h=h,
             offset_low=np.stack(low) if extended else None,
             stretch_low=stretch_low,
@@ -281,13 +282,12 @@ class Particles:
                 block = self.around(target, kernel, extended, errors)
                 assert block.particle is not None
                 mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
-                q, stretch = number.length(block.offsets(number)), block.stretches(number)
-                terms = kernel_values(
-                    number, kernel, q if stretch is None else q * stretch, 0, self.dim
-                )
-                terms = terms * number.number(mass)
-                for _ in range(0 if stretch is None else self.dim):
-                    terms = terms * stretch
+                q, weight = number.length(block.offsets(number)), number.number(mass)
+                each = [
+                    _density_terms(number, kernel, q, weight, one, self.dim)
+                    for one in block.stretches(number)
+                ]
+                terms = each[0] if len(each) == 1 else (each[0] + each[1]) * 0.5
                 density = number.total(terms)  # h_a^d ρ_a
                 size = number.value(density)
                 if not np.all(size > 0):
@@ -317,9 +317,9 @@ class Particles:
     def _exactly(self, target: int, kernel: Kernel, reach: int) -> tuple[Any, Any, Any, Indices]:
         found = self._neighbours(np.array([target]), kernel, reach)
         near = np.array(found[0], dtype=np.int64)
-        x, own = fractions(self.x[:, near]), fractions(self.x[:, target])
+        x, place = fractions(self.x[:, near]), fractions(self.x[:, target])
         h, h_b = fractions(self.h[target][None])[0], fractions(self.h[near])
-        offset = x - own[:, None]
+        offset = x - place[:, None]
         if self.period is not None:
             for axis in np.flatnonzero(np.isfinite(self.period)):
                 box = fractions(self.period[axis][None])[0]
@@ -327,11 +327,21 @@ class Particles:
         offset = offset / h
         v = self.given if self.given is not None else self._cells()
         volume = fractions(v[near]) / h**self.dim
-        stretch = h / {"gather": 0 * h_b + h, "scatter": h_b, "mean": (h + h_b) / 2}[self.mode]
-        inside = (offset * offset).sum(axis=0) * stretch**2 <= (
-            reach * fraction(kernel.support)
-        ) ** 2
+        own = 0 * h_b + h
+        stretch = h / {"gather": own, "mean": (h + h_b) / 2}.get(self.mode, h_b)
+        square, most = (offset * offset).sum(axis=0), (reach * fraction(kernel.support)) ** 2
+        inside = square * stretch**2 <= most
+        if self.mode == "mean-kernel":
+            inside |= square <= most
         return offset[:, inside], volume[inside], stretch[inside], near[inside]
+
+
+def _density_terms(number: Any, kernel: Kernel, q: Any, mass: Any, stretch: Any, dim: int) -> Any:
+    """m_b Ŵ with h_a/h = stretch, times h_a^d."""
+    terms = kernel_values(number, kernel, q if stretch is None else q * stretch, 0, dim) * mass
+    for _ in range(0 if stretch is None else dim):
+        terms = terms * stretch
+    return terms
 
 
 def particles(
@@ -352,7 +362,8 @@ def particles(
         With mass and density instead, m/ρ; with mass alone, "summation".
     period: lengths of a periodic box, one number or d of them, inf along axes that are open; None
         for free particles.
-    mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2.
+    mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2; "mean-kernel"
+        the mean of the kernels of h_a and of h_b.
 
     Integers and single precision are taken as the numbers that they are. Raises ValueError for
     wrong shapes, NaN, infinities, and for lengths, volumes, masses that are not positive.
@@ -368,8 +379,8 @@ def particles(
     if n == 0:
         raise ValueError("x: got no particles, expected at least one")
     lengths = _per_particle("h", h, n)
-    if mode not in MODES:
-        raise ValueError(f"mode: got {mode!r}, expected one of {', '.join(MODES)}")
+    if mode not in RULES:
+        raise ValueError(f"mode: got {mode!r}, expected one of {', '.join(RULES)}")
     if volume is not None and (mass is not None or density is not None):
         raise ValueError("volume: got a volume and mass or density; expected one or the other")
     if density is not None and mass is None:

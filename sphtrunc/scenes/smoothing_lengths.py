@@ -26,12 +26,11 @@ from sphtrunc.arithmetic.summation import (
     dd_from_ratio,
     dd_mul,
 )
-from sphtrunc.operators.h_rules import require_support, slope_share
+from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
 from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
-from sphtrunc.scenes.particles import MODES
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
 class Sloped:
     """A scene whose smoothing length is h = h_a (1 + g·s). Made by `sloped`.
 
-    gradient: g along each axis; rule: whose h a pair takes, "gather", "scatter" or "mean"
+    gradient: g along each axis; rule: whose h a pair takes, of `sphtrunc.operators.h_rules`
     """
 
     base: Lattice | Jittered | Graded
@@ -129,7 +128,13 @@ class Sloped:
             off = error + (self.dim + 1.0) * UNIT * np.abs(length)
             room = np.maximum(length - off, UNIT * length)
             bound = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
-        return replace(block, stretch=stretch, stretch_low=stretch_low, stretch_error=bound)
+        return replace(
+            block,
+            stretch=stretch,
+            mean_kernel=self.rule == "mean-kernel",
+            stretch_low=stretch_low,
+            stretch_error=bound,
+        )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -148,6 +153,8 @@ class Sloped:
         square = (offset * offset).sum(axis=0)
         most = (reach * fraction(kernel.support)) ** 2
         near = np.array([h > 0 and q <= most * h * h for h, q in zip(length, square, strict=True)])
+        if self.rule == "mean-kernel":
+            near |= square <= most
         return offset[:, near], volume[near], 1 / length[near]
 
 
@@ -156,15 +163,12 @@ def sloped(scene: Lattice | Jittered | Graded, gradient: object, rule: str = "sc
 
     gradient: g = dh/dx, one number (along the first axis) or d of them, taken exactly: write
         Fractions or "1/5"
-    rule: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2
+    rule: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2; "mean-kernel" the
+        mean of the kernels of h_a and of h_b
 
     Raises ValueError for a rule that is unknown, and volumes by summation, whose h would vary too.
     """
-    if rule not in MODES:
-        raise ValueError(
-            f"h-rule: got {rule!r}, expected one of {', '.join(MODES)}; what the mean of two"
-            " kernels gives is the mean of gather and scatter"
-        )
+    require_rule(rule)
     if not isinstance(scene, (Lattice, Jittered, Graded)):
         raise ValueError("h-gradient: particles have an h each; expected a lattice or graded scene")
     if scene.volume == "summation":

@@ -38,16 +38,12 @@ from sphtrunc.theory.variable_h.graded_spacing import graded_moments
 from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
-def of_lattice(scene: Scene, *, fields: bool) -> Arrangement:
-    """The scene, which is a lattice, displaced or not; fields: whose errors are asked for.
+def of_lattice(scene: Scene) -> Arrangement:
+    """The scene, which is a lattice, displaced or not.
 
     Raises ValueError, saying so, where there is no theory.
     """
     if isinstance(scene, Arrangement):
-        if fields and scene.wall is not None:
-            raise ValueError(
-                "scene: beside a wall there is theory for moments, not for fields; expected no wall"
-            )
         return scene
     if isinstance(scene, Sloped):
         raise ValueError(
@@ -79,7 +75,7 @@ def predict_moments(
         exact = operator.consistency  # up to this degree every row is the same but for rounding
         std = {a: float(np.std([row[a] for row in rows])) * (a[0] > exact) for a in rows[0]}
         return Prediction(0.0, "gaussian", mean, std, "local spacing, to first order in its slope")
-    return predict(parse_kernel(kernel), operator, of_lattice(scene, fields=False), degree=degree)
+    return predict(parse_kernel(kernel), operator, of_lattice(scene), degree=degree)
 
 
 def _graded(
@@ -141,7 +137,7 @@ def _predict_sloped(
         raise ValueError(
             f"scene: with a gradient of h there is theory for polynomials, {kernel.name} is none"
         )
-    base = of_lattice(scene.base, fields=False)
+    base = of_lattice(scene.base)
     return predict_varying(kernel, operator, base, scene.gradient, scene.rule, degree=degree)
 
 
@@ -248,8 +244,7 @@ def predict_error(
         return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
-    found = of_lattice(scene, fields=True)
-    return predict_fields(kernel, operator, found, signals, precision=precision)[0]
+    return predict_fields(kernel, operator, of_lattice(scene), signals, precision=precision)[0]
 
 
 def beside(

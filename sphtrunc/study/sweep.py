@@ -20,6 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.output import write_atomically
@@ -36,12 +37,16 @@ AXES: dict[str, str] = {
     "jitter": "0",
     "distribution": "gaussian",
     "volume": "constant",
+    "wall": "",
+    "wall-at": "",
+    "wall-weight": "",
+    "ghosts": "none",
     "operator": "gradient",
     "form": "",
     "correction": "none",
     "h-over-lambda": "0.01",
 }
-NUMERIC = ("dx-over-h", "offset", "jitter", "h-over-lambda")
+NUMERIC = ("dx-over-h", "offset", "jitter", "wall", "h-over-lambda")
 _SCENE = tuple(AXES)[: tuple(AXES).index("operator")]
 FIGURES = ("targets", "pairs", "flagged", "rms", "rms_low", "rms_high", "p50", "p99", "max")
 THEORY = ("predicted", "smoothing", "discretisation", "disorder", "rounding")
@@ -203,7 +208,7 @@ def _float(text: str, exact: Callable[[object, str], Any]) -> float:
 def scene_of(given: Mapping[str, str], seed: int) -> Any:
     """The scene that the texts of one group describe."""
     from sphtrunc.scenes.jittered import jittered
-    from sphtrunc.scenes.lattice import lattice
+    from sphtrunc.scenes.lattice import beside_wall, lattice
     from sphtrunc.scenes.random_numbers import MOST_INDICES
 
     if given["dim"] not in ("1", "2", "3"):
@@ -219,6 +224,18 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
         volume=given["volume"],
         extent=extent,
     )
+    if given["wall"]:
+        made = beside_wall(
+            made,
+            _number(given["wall"]),
+            at=given["wall-at"] or None,
+            ghosts=given["ghosts"],
+            weight=given["wall-weight"] or None,
+        )
+    elif given["wall-at"] or given["wall-weight"] or given["ghosts"] != "none":
+        raise ValueError(
+            "wall-at, wall-weight, ghosts: need a wall; expected distances of --wall as well"
+        )
     if float(_number(given["jitter"])) == 0.0:
         return made
     return jittered(made, _number(given["jitter"]), given["distribution"], seed)
@@ -239,7 +256,8 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
-        if float(scene.dx_over_h) > 0.5 * float(kernel.support):
+        scene.require_seen(fraction(kernel.support))
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
             (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
@@ -296,8 +314,14 @@ def _theory(
 
     from sphtrunc.theory.field_error import predict_waves
 
+    try:
+        splits = predict_waves(kernel, operator, scene, lengths)
+    except ValueError:
+        if scene.wall is None:
+            raise
+        return None  # ghosts, the nested form, short waves
     rows = []
-    for split in predict_waves(kernel, operator, scene, lengths):
+    for split in splits:
         row = asdict(split)
         rows.append({"predicted": row.pop("total"), **row})
     return rows

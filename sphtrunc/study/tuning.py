@@ -67,13 +67,16 @@ class Problem:
             return predict_errors_from(
                 kernel, self.operator, self.disorder, r, waves, at="particles"
             )
-        scene = Arrangement(
+        return predict_waves(kernel, self.operator, self.scene(r), lengths)
+
+    def scene(self, r: float) -> Arrangement:
+        """The displaced lattice at Δx/h = r."""
+        return Arrangement(
             self.lattice or DEFAULT[self.dim],
             Fraction(r).limit_denominator(FINEST),
             sigma=self.sigma,
             distribution=self.distribution,
         )
-        return predict_waves(kernel, self.operator, scene, lengths)
 
     def split(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split] | None:
         """The same, None where a correction is singular or no neighbour is left."""

@@ -89,15 +89,21 @@ def predict_fields(
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
 
-    Raises ValueError for vector operators, and where a correction is singular.
+    Raises ValueError for vector operators, where a correction is singular, and beside a wall for
+    ghosts and the nested form.
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
+    if scene.wall is not None and (scene.wall.ghosts != "none" or operator.form == NESTED):
+        raise ValueError(
+            "ghosts: of fields beside a wall there is theory without ghosts, and not for the nested"
+            " form; expected ghosts none and another form, or moments alone"
+        )
     operator.require_pairs(scene.paired)
     dim = scene.dim
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit_error(kernel, operator)
+    limit = signals.limit_error(kernel, operator, None if scene.wall is None else scene.wall.eta)
     if nested:
         seen = SecondNeighbours(kernel, operator, scene)
         value, noise = seen.estimate(signals)

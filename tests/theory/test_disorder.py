@@ -470,8 +470,8 @@ def test_fixed_target_and_finite_displacements() -> None:
 def test_bad_requests() -> None:
     with pytest.raises(ValueError, match="leading law"):
         leading_coefficient(kernel("cubic-spline"), Operator("gradient", "standard", "csph"), (0,))
+    scene = Arrangement("hcp", Fraction(1, 2), sigma=0.1, distribution="blue")
     with pytest.raises(ValueError, match="blue"):
-        scene = Arrangement("hcp", Fraction(1, 2), sigma=0.1, distribution="blue")
         predict(kernel("cubic-spline"), STANDARD, scene)
 
 

@@ -283,7 +283,7 @@ def _columns(
     if scene.one_h:
         reach = h[:1] if np.all(h == h[0]) else h
     else:
-        reach = np.full(1, h.max()) if scene.mode == "scatter" else 0.5 * (h + h.max())
+        reach = 0.5 * (h + h.max()) if scene.mode == "mean" else np.full(1, h.max())
     # positions carry their own rounding where they are far from the origin of the box
     closed = np.empty(0) if scene.period is None else scene.period[np.isfinite(scene.period)]
     spread = max(float(np.abs(scene.x).max()), float(closed.max(initial=0.0)))

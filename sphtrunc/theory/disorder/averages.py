@@ -72,7 +72,8 @@ class Particles:
     def __init__(self, kernel: Kernel | Gaussian, scene: Arrangement) -> None:
         self.kernel, self.scene, self.dim = kernel, scene, scene.dim
         self.ratio = ratio = float(scene.dx_over_h)
-        self.points = scene.positions(scene.sites(float(kernel.support) / ratio + 1.5))
+        index = scene.sites(float(kernel.support) / ratio + 1.5)
+        self.points, self.shares = scene.positions(index), scene.shares(index)[:, None]
         self.volume = ratio**self.dim
         within = (self.points**2).sum(axis=1) < float(kernel.support) ** 2
         self.neighbours = int(within.sum())
@@ -85,9 +86,9 @@ class Particles:
         self.moves = np.where(own & self.moving, 0.0, 1.0)  # relative to the target
 
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
-        """g_key at the offsets s, (…, d)."""
+        """g_key of the particles at the offsets s, (N, Q, d)."""
         q = np.sqrt((s * s).sum(axis=-1))
-        factor = cache(lambda k: factor_values(self.kernel, k, q, self.dim))
+        factor = cache(lambda k: self.shares * factor_values(self.kernel, k, q, self.dim))
         return {
             key: sum(c * monomial(s, beta) * factor(k) for c, beta, k in parts(key)) for key in keys
         }

@@ -212,9 +212,7 @@ def cut_moments(
     require(kernel, operator)
     eta: Any = Rational(wall.eta.numerator, wall.eta.denominator)
     layered = in_layers(operator, wall.ghosts)
-    closed = dim != 2 or operator.uncorrected
-    if dim == 3 and operator.form == FATEHI_MANZARI:
-        closed = False  # logarithms
+    closed = is_rational(operator, dim) or (dim == 2 and operator.uncorrected)
     if layered or not closed or not exact:
         eta = real_context().mpf(wall.eta.numerator) / wall.eta.denominator
 
@@ -232,6 +230,19 @@ def cut_moments(
     fluid = HalfSpace(lambda keys: sums(keys, eta), lambda keys: sums(keys, -eta), layers)
     found = moments_of(operator, dim, degree, axis, eta, wall.ghosts, fluid)
     return {alpha: settled(value, 25 if layered else 40) for alpha, value in found.items()}
+
+
+def is_rational(operator: Operator, dim: int) -> bool:
+    """The sums of the operator over a half space at a rational distance are rational: no roots, as
+    in 2D, and no logarithms."""
+    return dim == 1 or (dim == 3 and operator.form != FATEHI_MANZARI)
+
+
+def cut_number(kernel: Kernel, operator: Operator, key: Key, eta: Fraction) -> Any:
+    """`cut_sum` as a number to compute with: a Fraction where it is one, else of 50 digits."""
+    if is_rational(operator, len(key[1])):
+        return fraction(cut_sum(kernel, key, Rational(eta.numerator, eta.denominator)))
+    return cut_sum(kernel, key, real_context().mpf(eta.numerator) / eta.denominator)
 
 
 def nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
