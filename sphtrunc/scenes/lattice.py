@@ -276,7 +276,7 @@ def _stencil(
     found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
     if lattice.wall is not None:
         found = found[:, found[0] >= -lattice.wall_phase]
-    if not slack and not _any_inside(lattice, found, kernel):
+    if not slack and not _any_inside(lattice, found, fraction(kernel.support)):
         raise ValueError(
             f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
             f" support of {float(kernel.support):g} h; did you mean h/Δx?"
@@ -284,15 +284,14 @@ def _stencil(
     return found
 
 
-def _any_inside(lattice: Arrangement, m: Indices, kernel: Kernel) -> bool:
+def _any_inside(lattice: Arrangement, m: Indices, support: Fraction) -> bool:
     """At least one particle, not at the target, strictly inside the support."""
-    support = float(kernel.support)
     place = _positions(lattice, m, lattice.dx_over_h)[0]
-    square = (place * place).sum(axis=0) / support**2
+    square = (place * place).sum(axis=0) / float(support) ** 2
     if np.any((square > 1e-9) & (square < 1 - 1e-9)):  # far beyond rounding
         return True
     position = _exact_positions(lattice, m) * lattice.dx_over_h
-    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in (position * position).sum(axis=0))
+    return any(0 < r2 < support**2 for r2 in (position * position).sum(axis=0))
 
 
 @lru_cache(maxsize=16)
