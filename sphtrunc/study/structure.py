@@ -9,7 +9,7 @@ import numpy as np
 
 from sphtrunc.arithmetic.rational import exact
 from sphtrunc.experiment.engine import volumes
-from sphtrunc.experiment.relaxation import glass
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import Jittered

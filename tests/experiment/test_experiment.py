@@ -465,16 +465,18 @@ def random_polynomial(dim: int, low: int, high: int, seed: int) -> fd.Polynomial
     )
 
 
-@pytest.mark.parametrize("dim", [1, 2, 3])
-@pytest.mark.parametrize("case", CORRECTED, ids=lambda c: "-".join(map(str, c[:3])))
+@pytest.mark.parametrize(
+    ("dim", "case"),
+    [
+        pytest.param(dim, case, id="-".join(map(str, [*case[:3], dim])))
+        for dim, case in product([1, 2, 3], CORRECTED)
+        if (dim, case[0]) != (1, "curl")
+    ],
+)
 def test_order_of_consistency_is_attained_and_not_exceeded(
     dim: int, case: tuple[str, str, str, int]
 ) -> None:
     name, form, correction, m = case
-    if name == "curl" and dim == 1:
-        with pytest.raises(ValueError, match="no curl in 1D"):
-            measure(lattice(1), "quintic-spline", name, fd.sinusoid("1/9"))
-        return
     assert Operator(name, form, correction).consistency == m
     scene = jittered(lattice(dim, None, ["2/5", "1/2", "3/4"][dim - 1]), 0.2, seed=8)
     worst = []
@@ -490,6 +492,11 @@ def test_order_of_consistency_is_attained_and_not_exceeded(
         worst.append(float(np.abs(found.errors).max()) * scale)
     assert worst[0] <= (1e-12 if m < 3 else 1e-10)
     assert worst[1] > 1e-3
+
+
+def test_there_is_no_curl_on_a_line() -> None:
+    with pytest.raises(ValueError, match="no curl in 1D"):
+        measure(lattice(1), "quintic-spline", "curl", fd.sinusoid("1/9"))
 
 
 # ---------------------------------------------------------------------------------------- disorder

@@ -7,7 +7,7 @@ from itertools import product
 from math import factorial, pi, prod, sqrt
 
 import pytest
-from strategies import OPERATORS
+from strategies import OPERATORS, operators
 
 from sphtrunc.experiment.fields import polynomial, sinusoid
 from sphtrunc.experiment.measuring import measure
@@ -44,18 +44,19 @@ def predicted(
         (1, "uniform", "7/10", "polynomial:4"),
         (1, "uniform", "10/13", "cubic-spline"),
         (2, "hexagonal", "3/5", "quintic-spline"),
-        (3, "bcc", "4/5", "wendland-c4"),
+        (3, "bcc", "19/20", "wendland-c4"),
     ],
 )
 def test_on_lattices_the_prediction_is_the_measurement(dim, kind, ratio, name):
     shape = kernel(name)
-    table = waves(lattice(dim, kind, ratio), shape, OPERATORS, LENGTHS)
-    for operator, row in zip(OPERATORS, table, strict=True):
+    every = [o for o in operators(dim) if o.name not in ("divergence", "curl")]
+    table = waves(lattice(dim, kind, ratio), shape, every, LENGTHS)
+    for operator, row in zip(every, table, strict=True):
         theory = predicted(operator, dim, ratio, shape=shape, kind=kind)
         for length, one, split in zip(LENGTHS, row, theory, strict=True):
             k = 2 * pi * length
-            # sums of Σ|w| <= 100 in units of 1/h^m, evaluated from expanded polynomials (10³ u)
-            rounding = 1e3 * 2.0**-53 * 100 / min(k, 1.0) ** operator.derivatives
+            # sums of Σ|w| <= 100 in units of 1/h^m, some ten roundings in each of their terms
+            rounding = 10 * 2.0**-53 * 100 / min(k, 1.0) ** operator.derivatives
             assert abs(one.error["rms"] - split.total) <= rounding, (operator, length)
             assert split.disorder == 0.0
 
@@ -112,29 +113,23 @@ def test_the_leading_law_of_disorder(dim):
         (3, "7/10", 0.1, "gaussian", "constant", 1500),
     ],
 )
-def test_in_disorder_the_prediction_is_within_5_percent_or_3_errors(
+def test_in_disorder_the_prediction_is_as_good_as_it_says(
     dim, ratio, sigma, distribution, volume, targets
 ):
+    """Within 4 standard errors and what the prediction is said to be good to, 1 % where nothing
+    is said (`predict_fields`)."""
     extent = 2**20 if dim == 1 else 1000
     scene = jittered(lattice(dim, None, ratio, volume=volume, extent=extent), sigma, distribution)
-    # a correction of degree 2, and of strong disorder, is beyond first order in its algebra, and
-    # strong disorder of the nested form in 1D beyond the orders in its displacements
-    strong = sigma >= 0.1
-    left_out = {"rkpm-2"}
-    if strong:
-        left_out |= {"rkpm-1", "fatehi-manzari"} | ({"nested"} if dim == 1 else set())
-    operators = [o for o in OPERATORS if not {o.correction, o.form} & left_out]
-    assert len(operators) >= 9
-    table = waves(scene, SHAPE, operators, LENGTHS, targets=targets)
-    for operator, row in zip(operators, table, strict=True):
+    table = waves(scene, SHAPE, OPERATORS, LENGTHS, targets=targets)
+    for operator, row in zip(OPERATORS, table, strict=True):
         theory = predicted(
             operator, dim, ratio, sigma=sigma, distribution=distribution, volume=volume
         )
-        for one, split in zip(row, theory, strict=True):
+        for length, one, split in zip(LENGTHS, row, theory, strict=True):
             rms = one.error["rms"]
             low, high = one.error["rms_ci95"]
-            allowed = max(0.05 * rms, 3 / 1.96 * (high - low) / 2)
-            assert abs(rms - split.total) <= allowed, (operator, rms, split)
+            allowed = 4 / 1.96 * (high - low) / 2 + max(0.01, split.uncertainty) * rms
+            assert abs(rms - split.total) <= allowed, (operator, length)
 
 
 def test_the_parts_say_which_one_dominates():
