@@ -36,7 +36,8 @@ from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.smoothing_lengths import Sloped
 
-Chunk, Done = TypeVar("Chunk"), TypeVar("Done")
+Chunk = TypeVar("Chunk")
+Done = TypeVar("Done")
 
 
 def in_order(

@@ -146,3 +146,11 @@ class Arrangement:
         unit = np.array([float(u) for u in units(self.kind)])
         shift = np.array([float(o) for o in self.offset])
         return np.asarray(float(self.dx_over_h) * (m.T * unit + shift))
+
+    def exact_positions(self, m: Indices) -> list[list[Fraction]]:
+        """The same as fractions, those of irrational units to 256 bits."""
+        axes = list(zip(units(self.kind), self.offset, strict=True))
+        return [
+            [(n * u + o) * self.dx_over_h for n, (u, o) in zip(point, axes, strict=True)]
+            for point in m.T.tolist()
+        ]

@@ -90,13 +90,10 @@ def lattice_sums(
     shells = _shells(scene, fraction(kernel.support), turned, planes)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
     factors = {k for key in keys for _, _, k in parts(key)}
-    radial = {k: _radial(kernel, k, shells.squares, rational, dim) for k in factors}
+    radial, rational = radial_values(kernel, factors, shells.squares, rational, dim)
     ctx = real_context()
     sigma = kernel.normalisation(dim)
     scale: Any = sigma
-    if not all(values is not None for values in radial.values()):
-        rational = False
-        radial = {k: _radial(kernel, k, shells.squares, False, dim) for k in factors}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
     dx_over_h = scene.dx_over_h
@@ -108,7 +105,6 @@ def lattice_sums(
         if counts is None:
             return 0
         values = radial[k]
-        assert values is not None
         steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * cell
         if rational:
             return Fraction(steps) * sum(
@@ -270,6 +266,22 @@ def lattice_moments(
             }
             around = [(part[0], seen), (part[1], about)]
     return operator.correct(sums, dim, degree, axis, around=around)
+
+
+def radial_values(
+    kernel: Kernel | Gaussian,
+    factors: Iterable[int],
+    squares: Sequence[Fraction],
+    exact: bool,
+    dim: int,
+) -> tuple[dict[int, list[Any]], bool]:
+    """f_k(q) on every shell, without σ_d: rationals where they are asked for and all are, which is
+    told; else numbers of 50 digits."""
+    found = {k: _radial(kernel, k, squares, exact, dim) for k in factors}
+    values = {k: row for k, row in found.items() if row is not None}
+    if len(values) < len(found):
+        return radial_values(kernel, found, squares, False, dim)
+    return values, exact
 
 
 def _radial(

@@ -25,8 +25,14 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import parts
-from sphtrunc.scenes.sites import KINDS, units
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, lattice_sums, real_context
+from sphtrunc.scenes.sites import KINDS
+from sphtrunc.theory.lattice_sums import (
+    DIGITS,
+    _at_origin,
+    lattice_sums,
+    radial_values,
+    real_context,
+)
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
@@ -116,21 +122,14 @@ def _sampled(kernel: Kernel | Gaussian, operator: Operator, scene: Arrangement) 
     """w_b = V_b g(s_b) of every component, with which the form sees A_b alone."""
     dim, ctx = scene.dim, real_context()
     support, sigma = fraction(kernel.support), kernel.normalisation(dim)
-    axes = list(zip(units(scene.kind), scene.offset, strict=True))
-    points = [
-        tuple((n * u + o) * scene.dx_over_h for n, (u, o) in zip(m, axes, strict=True))
-        for m in scene.sites(float(support / scene.dx_over_h)).T.tolist()
-    ]
-    squares = [sum((x * x for x in s), Fraction(0)) for s in points]
-    around = [(s, r2) for s, r2 in zip(points, squares, strict=True) if 0 < r2 <= support**2]
+    points = scene.exact_positions(scene.sites(float(support / scene.dx_over_h)))
+    lengths = [(tuple(s), sum((x * x for x in s), Fraction(0))) for s in points]
+    around, squares = zip(*(row for row in lengths if 0 < row[1] <= support**2), strict=True)
     needed = operator.needed(dim, 0)
-    sums = {} if operator.uncorrected else lattice_sums(kernel, operator.needed(dim, 0), scene)
+    sums = {} if operator.uncorrected else lattice_sums(kernel, needed, scene)
     factors = {k for key in needed for _, _, k in parts(key)}
     exact = isinstance(kernel, Kernel) and sigma.is_Rational
-    radial = {k: _radial(kernel, k, [r2 for _, r2 in around], exact, dim) for k in factors}
-    if exact and any(values is None for values in radial.values()):
-        exact = False
-        radial = {k: _radial(kernel, k, [r2 for _, r2 in around], False, dim) for k in factors}
+    radial, exact = radial_values(kernel, factors, squares, exact, dim)
 
     def number(x: Any) -> Any:
         if not hasattr(x, "evalf"):
@@ -144,13 +143,13 @@ def _sampled(kernel: Kernel | Gaussian, operator: Operator, scene: Arrangement) 
     result = []
     for part in operator.coefficients(sums, dim):
         weights = {}
-        for n, (s, _) in enumerate(around):
+        for n, s in enumerate(around):
             weights[s] = volume * sum(
                 number(c) * sign * prod(x**p for x, p in zip(s, beta, strict=True)) * radial[k][n]
                 for key, c in part.items()
                 for sign, beta, k in parts(key)
             )
-        if 0 in squares:
+        if any(r2 == 0 for _, r2 in lengths):
             at = sum(
                 number(c) * _at_origin(kernel, key, True, Fraction(1), exact)
                 for key, c in part.items()

@@ -38,9 +38,8 @@ from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, 
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
 from sphtrunc.scenes.arrangement import Arrangement
-from sphtrunc.scenes.sites import units
 from sphtrunc.theory.derivation import Derivation, Varying
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context, rounded
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, radial_values, real_context, rounded
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
@@ -314,19 +313,14 @@ def lattice_sums_of(
     steep = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(reach)
     radius = float(reach / dx_over_h) / (1.0 - steep) * (1.0 + 1e-9)
     around: list[Any] = []  # (s, t = s/H, H) of every particle within its own support
-    axes = list(zip(units(scene.kind), scene.offset, strict=True))
-    for point in scene.sites(radius).T.tolist():
-        s = [(n * u + o) * dx_over_h for n, (u, o) in zip(point, axes, strict=True)]
+    for s in scene.exact_positions(scene.sites(radius)):
         stretch = 1 + sum((g * x for g, x in zip(slopes, s, strict=True)), Fraction(0))
         if any(s) and stretch > 0 and sum(x * x for x in s) <= (reach * stretch) ** 2:
             around.append((s, [x / stretch for x in s], stretch))
     there = scene.at_particle
     squares = [sum((x * x for x in t), Fraction(0)) for _, t, _ in around]
     factors = {factor for key in keys for _, _, factor in parts(key)}
-    found = {k: _radial(kernel, k, squares, True, dim) for k in factors}
-    rational = all(values is not None for values in found.values())
-    if not rational:
-        found = {k: _radial(kernel, k, squares, False, dim) for k in factors}
+    found, rational = radial_values(kernel, factors, squares, True, dim)
     ctx = real_context()
     volume = dx_over_h**dim
     sigma = kernel.normalisation(dim)
@@ -338,9 +332,7 @@ def lattice_sums_of(
         term, alpha = key
         total: Any = Fraction(0) if rational else ctx.zero
         for c, beta, factor in parts((term, unit(dim, 0, 0))):
-            values = found[factor]
-            assert values is not None
-            for (s, t, stretch), value in zip(around, values, strict=True):
+            for (s, t, stretch), value in zip(around, found[factor], strict=True):
                 weight = c / stretch ** (dim + derivatives_of(term)) * value
                 for x, y, n, m in zip(s, t, alpha, beta, strict=True):
                     weight *= x**n * y**m if n or m else 1

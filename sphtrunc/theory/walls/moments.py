@@ -30,7 +30,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from math import ceil, comb, floor
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sympy import Expr, Rational
 
@@ -52,6 +52,9 @@ from sphtrunc.theory.euler_maclaurin import (
 )
 from sphtrunc.theory.lattice_sums import lattice_sums, real_context, rounded
 from sphtrunc.theory.walls.half_space import cut_sum, odd, plane
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.gaussian import Gaussian
 
 #: of which dummy particles take their value
 EXTRAPOLATION = Operator("value", "standard", "shepard")
@@ -287,7 +290,7 @@ def in_layers(operator: Operator, ghosts: str) -> bool:
 
 
 def wall_lattice_moments(
-    kernel: Kernel,
+    kernel: Kernel | Gaussian,
     operator: Operator,
     scene: Arrangement,
     degree: int,
@@ -302,7 +305,7 @@ def wall_lattice_moments(
     Raises ValueError where no particle is inside the support, and where the matrix of a correction
     is singular.
     """
-    require(kernel, operator)
+    kernel = require(kernel, operator)
     if scene.wall is None:
         raise ValueError("wall: expected an arrangement beside one")
     wall, dx_over_h, shift, phase = scene.wall, scene.dx_over_h, scene.offset, scene.wall_phase
