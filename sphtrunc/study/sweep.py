@@ -247,12 +247,9 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
-        home = getattr(scene, "lattice", scene)
-        if home.wall is not None:
-            place = (home.kind, home.dx_over_h, home.offset)
-            home.wall.require_seen(*place, fraction(kernel.support))
-        if float(home.dx_over_h) > 0.5 * float(kernel.support) or home.wall is not None:
-            home.rows(kernel)  # there may be no neighbour
+        scene.require_seen(fraction(kernel.support))
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
+            (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
 
@@ -272,7 +269,7 @@ def run_group(group: Group) -> list[Row]:
         operators,
         lengths,
         rtol=group["rtol"],
-        targets=group["targets"] if group["targets"] and hasattr(scene, "sigma") else None,
+        targets=group["targets"] if group["targets"] and scene.sigma else None,
         seed=group["seed"],
     )
     rows = []
@@ -282,7 +279,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": getattr(scene, "lattice", scene).kind,
+                "lattice": scene.kind,
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -308,22 +305,10 @@ def _theory(
 
     from sphtrunc.theory.field_error import predict_waves
 
-    lattice = getattr(scene, "lattice", scene)
     try:
-        splits = predict_waves(
-            kernel,
-            operator,
-            lattice.kind,
-            lattice.dx_over_h,
-            lattice.offset,
-            lengths,
-            sigma=getattr(scene, "sigma", 0.0),
-            distribution=getattr(scene, "distribution", "gaussian"),
-            volume=lattice.volume,
-            wall=lattice.wall,
-        )
+        splits = predict_waves(kernel, operator, scene, lengths)
     except ValueError:
-        if lattice.wall is None:
+        if scene.wall is None:
             raise
         return None  # ghosts, the nested form, short waves
     rows = []
