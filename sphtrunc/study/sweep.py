@@ -278,12 +278,9 @@ def check(groups: Sequence[Group]) -> None:
         if group["scene"]["particles"]:
             scene.rows(kernel)  # the box may be too small
             continue
-        home = getattr(scene, "lattice", scene)
-        if home.wall is not None:
-            place = (home.kind, home.dx_over_h, home.offset)
-            home.wall.require_seen(*place, fraction(kernel.support))
-        if float(home.dx_over_h) > 0.5 * float(kernel.support) or home.wall is not None:
-            home.rows(kernel)  # there may be no neighbour
+        scene.require_seen(fraction(kernel.support))
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
+            (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
 
@@ -297,7 +294,7 @@ def run_group(group: Group) -> list[Row]:
     combinations = list(product(group["operator"], group["form"], group["correction"]))
     operators = [operator_of(*names) for names in combinations]
     lengths = [float(_number(x)) for x in group["h-over-lambda"]]
-    many = hasattr(scene, "sigma") or bool(group["scene"]["particles"])  # all see another thing
+    many = group["scene"]["particles"] or scene.sigma  # all targets see something else
     table = waves(
         scene,
         kernel,
@@ -314,7 +311,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": getattr(getattr(scene, "lattice", scene), "kind", ""),
+                "lattice": "" if group["scene"]["particles"] else scene.kind,
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -341,25 +338,13 @@ def _theory(
     from sphtrunc.study.structure import by_structure, waves_by_structure
     from sphtrunc.theory.field_error import predict_waves
 
-    lattice = getattr(scene, "lattice", scene)
     try:
         if by_structure(scene):
             splits = waves_by_structure(scene, kernel, operator, lengths)
         else:
-            splits = predict_waves(
-                kernel,
-                operator,
-                lattice.kind,
-                lattice.dx_over_h,
-                lattice.offset,
-                lengths,
-                sigma=getattr(scene, "sigma", 0.0),
-                distribution=getattr(scene, "distribution", "gaussian"),
-                volume=lattice.volume,
-                wall=lattice.wall,
-            )
+            splits = predict_waves(kernel, operator, scene, lengths)
     except ValueError:
-        if getattr(lattice, "wall", "none") is None:
+        if getattr(scene, "wall", "none") is None:
             raise
         return None  # ghosts, short waves, forms that the structure factor does not know
     rows = []
