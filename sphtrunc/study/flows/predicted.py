@@ -170,11 +170,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
     degree = len(case.derivatives) - 1
     if 2 * setting.reach * float(kernel.support) > float(width):
         raise ValueError("a row sees both walls, for which there is no theory; expected a larger N")
-    bulk = _floats(
-        lattice_moments(
-            kernel, operator, home.kind, home.dx_over_h, home.offset, degree, exact=False
-        )
-    )
+    bulk = _floats(lattice_moments(kernel, operator, home, degree, exact=False))
     limits = operator.correct(
         {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}, dim, degree
     )
@@ -211,13 +207,9 @@ def _beside(setting: Setting, eta: Fraction, degree: int) -> dict[Any, float]:
     home = setting.home
 
     def moments(ghosts: str) -> dict[Any, float]:
-        wall = Wall(eta, setting.place % 1, ghosts)
-        return _floats(
-            wall_lattice_moments(
-                setting.kernel, setting.operator, home.kind, home.dx_over_h, home.offset, degree,
-                wall, exact=False,
-            )
-        )  # fmt: skip
+        near = home.beside(Wall(eta, setting.place % 1, ghosts))
+        found = wall_lattice_moments(setting.kernel, setting.operator, near, degree, exact=False)
+        return _floats(found)
 
     if setting.wall == "none":
         return moments("none")
