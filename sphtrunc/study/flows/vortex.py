@@ -17,7 +17,7 @@ import numpy as np
 from sphtrunc.experiment.matrices import weights
 from sphtrunc.operators.operator import NESTED
 from sphtrunc.study.flows.enclosure import FEWEST
-from sphtrunc.theory.disorder.averages import _Particles
+from sphtrunc.theory.disorder.averages import Particles as Around
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.fields import Waves
 
@@ -63,13 +63,11 @@ def symbol(kernel: Kernel, operator: Operator, lattice: Lattice, kappa: Array) -
     size = float(np.sqrt((kappa * kappa).sum()))
     wave = Waves(np.array([size]), np.asarray(kappa) / size)
     if operator.form == NESTED:
-        seen = SecondNeighbours(
-            kernel, operator, lattice.kind, lattice.dx_over_h, lattice.offset, lattice.volume
-        )
-        return float(seen.estimate(wave)[0][0, 0, 0])
-    around = _Particles(kernel, lattice.kind, lattice.dx_over_h, lattice.offset, lattice.volume)
-    here = around.points[:, None, :]
-    return float(around.estimate(operator, wave, here, np.ones(1))[0][0, 0, 0])
+        value = SecondNeighbours(kernel, operator, lattice).estimate(wave)[0]
+    else:
+        around = Around(kernel, lattice)
+        value = around.estimate(operator, wave, around.points[:, None, :], np.ones(1))[0]
+    return float(value[0, 0, 0])
 
 
 def decay(
