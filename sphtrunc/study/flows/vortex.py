@@ -15,11 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sphtrunc.experiment.matrices import weights
-from sphtrunc.operators.operator import NESTED
 from sphtrunc.study.flows.enclosure import FEWEST
-from sphtrunc.theory.disorder.averages import Particles as Around
-from sphtrunc.theory.disorder.nested import SecondNeighbours
-from sphtrunc.theory.fields import Waves
+from sphtrunc.theory.stencil import stencils
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -60,14 +57,8 @@ class Decay:
 
 def symbol(kernel: Kernel, operator: Operator, lattice: Lattice, kappa: Array) -> float:
     """Σ_b w_b cos κ·s_b of an estimate of even derivatives on a lattice, in 1/h²; κ in 1/h."""
-    size = float(np.sqrt((kappa * kappa).sum()))
-    wave = Waves(np.array([size]), np.asarray(kappa) / size)
-    if operator.form == NESTED:
-        value = SecondNeighbours(kernel, operator, lattice).estimate(wave)[0]
-    else:
-        around = Around(kernel, lattice)
-        value = around.estimate(operator, wave, around.points[:, None, :], np.ones(1))[0]
-    return float(value[0, 0, 0])
+    (stencil,) = stencils(kernel, operator, lattice)
+    return float(stencil.symbol([float(x) for x in kappa]).real)
 
 
 def decay(
