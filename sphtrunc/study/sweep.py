@@ -294,7 +294,7 @@ def run_group(group: Group) -> list[Row]:
     combinations = list(product(group["operator"], group["form"], group["correction"]))
     operators = [operator_of(*names) for names in combinations]
     lengths = [float(_number(x)) for x in group["h-over-lambda"]]
-    many = group["scene"]["particles"] or scene.sigma  # all targets see something else
+    many = bool(group["scene"]["particles"]) or bool(scene.sigma)  # all see another thing
     table = waves(
         scene,
         kernel,
@@ -311,7 +311,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": "" if group["scene"]["particles"] else scene.kind,
+                "lattice": getattr(scene, "kind", ""),
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
