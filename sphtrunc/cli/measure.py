@@ -254,7 +254,7 @@ def _relaxed(given: dict[str, Any]) -> Any:
 
     import numpy as np
 
-    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.experiment.glasses import glass
     from sphtrunc.scenes.relaxed import recipe
 
     for name in ("period", "columns", "kind", "h_rule"):

@@ -50,7 +50,7 @@ def scene(
     from sphtrunc.scenes.relaxed import PREFIX
 
     if source.startswith(PREFIX):
-        from sphtrunc.experiment.relaxation import glass
+        from sphtrunc.experiment.glasses import glass
         from sphtrunc.scenes.relaxed import recipe
 
         for name, value in (("period", period), ("columns", columns), ("type", kind)):

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from sphtrunc.cli import running
 from sphtrunc.output import emit
 from sphtrunc.study.sweep import AXES, NUMERIC, Study, sweep, to_csv, values
 
@@ -86,9 +87,15 @@ def command(
         predict=not no_predict,
     )
     with ExitStack() as stack:
-        executor = None if dask is None else stack.enter_context(_dask(dask, stack))
+        executor = None if dask is None else stack.enter_context(running.dask(dask, stack))
         try:
-            rows = sweep(study, output, executor=executor, workers=workers, progress=_bar(stack))
+            rows = sweep(
+                study,
+                output,
+                executor=executor,
+                workers=workers,
+                progress=running.bar(stack, "scenes"),
+            )
         except KeyboardInterrupt:
             kept = (
                 "" if output is None else f"; {output}.journal keeps what is done, repeat to go on"
@@ -107,33 +114,3 @@ def _values(name: str, given: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(v for text in given for v in values(text, name in NUMERIC))
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-
-
-def _dask(address: str, stack: ExitStack) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ValueError("dask: distributed is not installed; pip install distributed") from None
-    try:
-        connect: Any = Client  # untyped
-        client = stack.enter_context(connect(address, timeout=10))
-    except OSError as error:
-        raise ValueError(f"dask: no scheduler at {address}: {error}") from None
-    return client.get_executor(retries=3)
-
-
-def _bar(stack: ExitStack) -> Callable[[int, int], None] | None:
-    """A progress bar with the time left, on a terminal only."""
-    if not sys.stderr.isatty():
-        return None
-    bar: Any = None
-
-    def update(done: int, expected: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = stack.enter_context(
-                click.progressbar(length=expected, label="scenes", file=sys.stderr)
-            )
-        bar.update(done - bar.pos)
-
-    return update

@@ -9,10 +9,10 @@ import numpy as np
 
 from sphtrunc.arithmetic.rational import exact
 from sphtrunc.experiment.engine import volumes
-from sphtrunc.experiment.relaxation import glass
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import Jittered
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.probes import Probes
 from sphtrunc.scenes.relaxed import Recipe
@@ -41,10 +41,8 @@ def structure_factor(scene: Scene, *, reach: float | None = None) -> StructureFa
 
     Raises ValueError for graded spacing, which is not homogeneous, and as `measured` does.
     """
-    if isinstance(scene, Jittered):
-        return displaced(scene.lattice.kind, scene.sigma, scene.distribution)
-    if isinstance(scene, Lattice):
-        return displaced(scene.kind, 0.0)
+    if isinstance(scene, Arrangement):
+        return displaced(scene.kind, scene.sigma, scene.distribution)
     if isinstance(scene, Probes):
         return structure_factor(scene.home, reach=reach)
     if not isinstance(scene, Particles):
@@ -100,7 +98,7 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
     Raises ValueError where there is no theory.
     """
     if isinstance(scene, Jittered):
-        ratio, volume = float(scene.lattice.dx_over_h), scene.volume
+        ratio, volume = float(scene.dx_over_h), scene.volume
         return structure_factor(scene), {"dx_over_h": ratio, "volume": volume, "at": "random"}
     require_theory(scene)
     at = "random" if isinstance(scene, Probes) else "particles"

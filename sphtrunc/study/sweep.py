@@ -11,20 +11,20 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.parse import definition
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
-from sphtrunc.output import write_atomically
-from sphtrunc.study.journal import Journal, Row, digest
+from sphtrunc.output import digest, write_atomically
+from sphtrunc.study.executors import results
+from sphtrunc.study.journal import Journal, Row
 from sphtrunc.version import __version__
 
 #: options that may be lists, in the order in which they vary (the last one fastest); their default
@@ -108,7 +108,7 @@ class Study:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the result depends on."""
-        kernels = [_definition(name) for name in self.axes["kernel"]]
+        kernels = [definition(name) for name in self.axes["kernel"]]
         return {
             "axes": {name: list(values) for name, values in self.axes.items()},
             "kernels": kernels,
@@ -136,15 +136,6 @@ class Study:
             {"scene": dict(zip(_SCENE, values, strict=True)), **rest, **shared}
             for values in product(*(self.axes[name] for name in _SCENE))
         ]
-
-
-def _definition(name: str) -> list[Any]:
-    """What a kernel is, not how it was called: its file may change."""
-    kernel = parse_kernel(name)
-    knots = [str(k) for k in kernel.knots]
-    coefficients = getattr(kernel, "coefficients", None)
-    pieces = [] if coefficients is None else coefficients()
-    return [kernel.name, knots, [[str(c) for c in piece] for piece in pieces]]
 
 
 def operator_of(name: str, form: str, correction: str) -> Operator:
@@ -256,12 +247,9 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
-        home = getattr(scene, "lattice", scene)
-        if home.wall is not None:
-            place = (home.kind, home.dx_over_h, home.offset)
-            home.wall.require_seen(*place, fraction(kernel.support))
-        if float(home.dx_over_h) > 0.5 * float(kernel.support) or home.wall is not None:
-            home.rows(kernel)  # there may be no neighbour
+        scene.require_seen(fraction(kernel.support))
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
+            (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
 
@@ -281,7 +269,7 @@ def run_group(group: Group) -> list[Row]:
         operators,
         lengths,
         rtol=group["rtol"],
-        targets=group["targets"] if group["targets"] and hasattr(scene, "sigma") else None,
+        targets=group["targets"] if group["targets"] and scene.sigma else None,
         seed=group["seed"],
     )
     rows = []
@@ -291,7 +279,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": getattr(scene, "lattice", scene).kind,
+                "lattice": scene.kind,
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -317,22 +305,10 @@ def _theory(
 
     from sphtrunc.theory.field_error import predict_waves
 
-    lattice = getattr(scene, "lattice", scene)
     try:
-        splits = predict_waves(
-            kernel,
-            operator,
-            lattice.kind,
-            lattice.dx_over_h,
-            lattice.offset,
-            lengths,
-            sigma=getattr(scene, "sigma", 0.0),
-            distribution=getattr(scene, "distribution", "gaussian"),
-            volume=lattice.volume,
-            wall=lattice.wall,
-        )
+        splits = predict_waves(kernel, operator, scene, lengths)
     except ValueError:
-        if lattice.wall is None:
+        if scene.wall is None:
             raise
         return None  # ghosts, the nested form, short waves
     rows = []
@@ -377,7 +353,10 @@ def sweep(
     done: dict[int, list[Row]] = {} if journal is None else journal.done
     try:
         open_groups = [i for i in range(len(groups)) if i not in done]
-        for count, (i, rows) in enumerate(_results(groups, open_groups, executor, workers)):
+        finished = results(
+            run_group, groups.__getitem__, open_groups, executor=executor, workers=workers
+        )
+        for count, (i, rows) in enumerate(finished):
             if journal is None:
                 done[i] = rows
             else:
@@ -392,53 +371,6 @@ def sweep(
         _write(path, rows, study)
         journal.path.unlink(missing_ok=True)
     return rows
-
-
-def _results(
-    groups: Sequence[Group], wanted: Sequence[int], executor: Executor | None, workers: int
-) -> Any:
-    """(index, rows) of the groups, as they are finished."""
-    if executor is None and workers == 1:
-        for i in wanted:
-            yield i, run_group(groups[i])
-        return
-    own = executor is None
-    pool = executor or ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_leave_with, initargs=(os.getpid(),)
-    )
-    try:
-        futures = {pool.submit(run_group, groups[i]): i for i in wanted}
-        for future in as_completed(futures):
-            yield futures[future], _result(future)
-    finally:
-        if own:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _result(future: Any) -> list[Row]:
-    from concurrent.futures.process import BrokenProcessPool
-
-    try:
-        rows: list[Row] = future.result()
-    except BrokenProcessPool:
-        raise ValueError(
-            "workers: a worker process died (out of memory, or killed); the groups finished so far"
-            " are kept, repeat the command to continue"
-        ) from None
-    return rows
-
-
-def _leave_with(parent: int) -> None:
-    """In a worker: end when the process that started it is gone."""
-    import threading
-    import time
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 # ----------------------------------------------------------------------------------- the table

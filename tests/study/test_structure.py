@@ -220,7 +220,9 @@ def test_scenes_and_their_structure_factor() -> None:
     home = lattice(2, "square", "1/2")
     k = np.array([[0.5], [0.2]])
     assert structure_factor(home)(k)[0] == 0.0
-    assert structure_factor(jittered(home, 0.2))(k)[0] == pytest.approx(1 - np.exp(-0.04 * 0.29))
+    assert structure_factor(jittered(home, 0.2))(k)[0] == pytest.approx(
+        1 - np.exp(-0.04 * 0.29), rel=1e-14
+    )
     scene = particles(shaken(2, 0.1, 8), h=1.4, volume=1.0, period=9.0)
     assert structure_factor(probes(scene, 3)).particles == 81
     with pytest.raises(ValueError, match="graded"):

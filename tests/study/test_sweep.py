@@ -57,7 +57,7 @@ def test_every_row_is_a_measurement(tmp_path):
             row["kernel"],
             operator_of(row["operator"], row["form"], row["correction"]),
             sinusoid(row["h-over-lambda"]),
-            targets=60 if hasattr(scene, "sigma") else None,
+            targets=60 if scene.sigma else None,
         )
         assert row["targets"] == alone.targets
         # both ways round differently: 40 terms of the series, Σ|w| <= 10, kh = 2π h/λ
