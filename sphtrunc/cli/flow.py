@@ -141,7 +141,7 @@ def _scene(given: dict[str, Any]) -> Any:
         return found.particles()
     from dataclasses import replace
 
-    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.experiment.glasses import glass
     from sphtrunc.scenes.relaxed import recipe
 
     for option, value in read_by.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from sphtrunc.theory.disorder.structure_factor import (
     measured,
     poisson,
 )
+from sphtrunc.theory.fields import Waves
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -156,3 +158,12 @@ def errors_by_structure(
     return predict_errors_from(
         shape, operator, factor, signals=signals, precision=precision, **options
     )
+
+
+def waves_by_structure(
+    scene: Scene, kernel: Kernel | str, operator: Operator, h_over_lambda: Sequence[float]
+) -> list[Split]:
+    """The predicted error for sinusoids along the first axis, one for every h/λ."""
+    kappa = 2 * np.pi * np.asarray(h_over_lambda, dtype=np.float64)
+    signals = Waves(kappa, np.eye(scene.dim)[0])
+    return errors_by_structure(scene, kernel, operator, signals)

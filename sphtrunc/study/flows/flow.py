@@ -12,7 +12,7 @@ import numpy as np
 
 from sphtrunc.arithmetic.rational import exact
 from sphtrunc.kernels.parse import kernel as parse_kernel
-from sphtrunc.operators.operator import FATEHI_MANZARI, NESTED, Operator
+from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.boxes import box
 from sphtrunc.scenes.jittered import Jittered, jittered
 from sphtrunc.scenes.lattice import lattice as make_lattice
@@ -552,12 +552,12 @@ def _cavity(
 ) -> Lid:
     if asked.lattice != "square":
         raise ValueError(f"lattice: got {asked.lattice} for the cavity, expected square")
-    exact_for_quadratics = operator.form == FATEHI_MANZARI or operator.consistency >= 1
+    corrected = operator.consistency >= 1
     form, correction = gradient
     if form is None:
         form = "difference"
     if correction is None:
-        correction = "csph" if exact_for_quadratics else "none"
+        correction = "csph" if corrected else "none"
     slope = Operator("gradient", form, correction)
     found = cavity(
         kernel,

@@ -170,11 +170,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
     degree = len(case.derivatives) - 1
     if 2 * setting.reach * float(kernel.support) > float(width):
         raise ValueError("a row sees both walls, for which there is no theory; expected a larger N")
-    bulk = _floats(
-        lattice_moments(
-            kernel, operator, home.kind, home.dx_over_h, home.offset, degree, exact=False
-        )
-    )
+    bulk = _floats(lattice_moments(kernel, operator, home, degree, exact=False))
     limits = operator.correct(
         {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}, dim, degree
     )
@@ -194,7 +190,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
                 near = {alpha: m * (-1) ** alpha[0] for alpha, m in near.items()}
 
         def estimate(moments: dict[Any, float], values: Any = field_) -> float:
-            return sum(c * moments[alpha] for alpha, c in values.items()) / h**2
+            return float(sum(c * moments[alpha] for alpha, c in values.items())) / h**2
 
         rows["smoothing"].append(estimate(far) - case.forcing)
         rows["discretisation"].append(estimate(bulk) - estimate(far))
@@ -211,13 +207,10 @@ def _beside(setting: Setting, eta: Fraction, degree: int) -> dict[Any, float]:
     home = setting.home
 
     def moments(ghosts: str) -> dict[Any, float]:
-        wall = Wall(eta, setting.place % 1, ghosts)
+        beside = home.beside(Wall(eta, setting.place % 1, ghosts))
         return _floats(
-            wall_lattice_moments(
-                setting.kernel, setting.operator, home.kind, home.dx_over_h, home.offset, degree,
-                wall, exact=False,
-            )
-        )  # fmt: skip
+            wall_lattice_moments(setting.kernel, setting.operator, beside, degree, exact=False)
+        )
 
     if setting.wall == "none":
         return moments("none")
@@ -246,7 +239,7 @@ def predict(
         return Predicted(
             **parts, shift=none, spread=none, how=EXACT, known_to=0.0, scatter=0.0, weights=kept
         )
-    error = sum(parts.values())
+    error = np.sum(list(parts.values()), axis=0)
     shift, spread, small, together = disorder(setting, case, enclosure, still, solver, u)
     if small <= SMALL:
         how, known = f"two orders in σ, ε = {small:.2g}", small**2
@@ -321,8 +314,8 @@ def disorder(
     plane = enclosure.index[0, free]
     _, first = np.unique(plane, return_index=True)
     movers = free[first]  # one of every plane
-    reach = _LEVELS[setting.wall] + setting.reach
-    reach *= float(setting.kernel.support) * enclosure.h + spacing
+    levels = _LEVELS[setting.wall] + setting.reach
+    reach = levels * (float(setting.kernel.support) * enclosure.h + spacing)
     stride = int(2 * reach / (float(units(setting.home.kind)[0]) * spacing)) + 2
     rough = _sawteeth(enclosure.index[:, free])
     mean, square, echo = np.zeros(count), np.zeros(count), np.zeros(rough.shape[1])

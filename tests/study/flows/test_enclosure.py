@@ -79,7 +79,7 @@ def test_what_was_written_by_hand_as_a_file_gives_the_same_flow() -> None:
 
 
 def test_a_glass_between_mirrors_is_a_channel() -> None:
-    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.experiment.glasses import glass
     from sphtrunc.scenes.relaxed import Recipe
 
     home = glass(Recipe(count=256, steps=60)).particles

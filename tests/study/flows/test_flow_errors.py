@@ -124,12 +124,11 @@ def test_the_parts_add_up_and_the_largest_is_named() -> None:
 def first_wrong(asked: Setting) -> int | None:
     """The lowest degree of a moment that is wrong beside the wall or in the middle, exactly; None
     where all that Poiseuille's flow sees are right."""
-    offset = (Fraction(0),)
     planes = [(k + asked.place) * RATIO for k in range(6) if k + asked.place > 0]
 
     def beside(eta: Fraction, ghosts: str) -> dict[Any, Any]:
-        wall = Wall(eta, asked.place, ghosts)
-        return wall_lattice_moments(C2, asked.operator, "uniform", RATIO, offset, 2, wall)
+        scene = asked.home.beside(Wall(eta, asked.place, ghosts))
+        return wall_lattice_moments(C2, asked.operator, scene, 2)
 
     wrong = set()
     for eta in planes:
@@ -141,7 +140,7 @@ def first_wrong(asked: Setting) -> int | None:
             parts = [beside(eta, ghosts) for ghosts in ("odd", "mirror", "dummy")]
             m = {a: parts[0][a] + parts[1][a] - parts[2][a] for a in parts[0]}
         # what is wrong in the middle as well is the plateau, and taken out
-        middle = lattice_moments(C2, asked.operator, "uniform", RATIO, offset, 2)
+        middle = lattice_moments(C2, asked.operator, asked.home, 2)
         wrong |= {n for n in range(3) if m[n,] != middle[n,]}
         wrong |= {0} if middle[0,] != 0 else set()
     return min(wrong) if wrong else None
@@ -164,8 +163,8 @@ def test_the_order_is_the_degree_of_the_first_wrong_moment(case: tuple, order: i
     form, correction, wall = case
     name = "couette" if wall == "dummy" else "poiseuille"
     assert first_wrong(setting(form, correction, wall, 16)) == order
-    middle = lattice_moments(C2, Operator("laplacian", form, correction), "uniform", RATIO,
-                             (Fraction(0),), 2)  # fmt: skip
+    operator = Operator("laplacian", form, correction)
+    middle = lattice_moments(C2, operator, lattice(1, dx_over_h=RATIO), 2)
     flat = order == 0 or name == "couette"
     plateau = 0.0 if flat else float(2 / Fraction(str(middle[2,])) - 1)
     sizes = []
@@ -229,9 +228,9 @@ def test_the_slopes_of_a_row_are_those_of_the_theory(form: tuple) -> None:
     # u = s₁ + s₁²/2 about the target, in h
     signal = Taylor([{(1, 0): 1.0, (2, 0): 0.5}])
     if operator.form == "nested":
-        stencil: Any = SecondNeighbours(smooth, operator, "square", RATIO, (Fraction(0),) * 2)
+        stencil: Any = SecondNeighbours(smooth, operator, asked.home)
     else:
-        stencil = Stencil(smooth, "square", RATIO, (Fraction(0),) * 2, "constant")
+        stencil = Stencil(smooth, asked.home)
     theory = slopes_of(stencil, operator, signal)[0, 0, 0]
     step = 1e-4
     compared = 0
