@@ -9,8 +9,7 @@ whole sum, by central differences: Var M_α = σ² Σ |∂M_α/∂u_b|², and th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from fractions import Fraction
+from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +17,12 @@ from sphtrunc.kernels.factors import factor_values
 from sphtrunc.operators.moments import MultiIndex, multi_indices, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import VALUE, monomial, parts
-from sphtrunc.scenes.sites import sites, units
-from sphtrunc.scenes.walls import Wall
+from sphtrunc.theory.disorder.sensitivities import mixing
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 _STEP = 1e-3  # of the differences, in Δx
 _BLOCK = 1 << 20  # terms at a time
@@ -40,32 +39,27 @@ class Ghosted:
         self,
         kernel: Kernel,
         operator: Operator,
-        kind: str,
-        dx_over_h: Fraction,
-        offset: Sequence[Fraction],
-        wall: Wall,
+        scene: Arrangement,
         degree: int,
         axis: int,
     ) -> None:
         import numpy as np
 
-        self.kernel, self.operator, self.wall, self.axis = kernel, operator, wall, axis
-        self.dim, self.ratio = len(offset), float(dx_over_h)
+        assert scene.wall is not None
+        self.kernel, self.operator, self.axis = kernel, operator, axis
+        self.wall = wall = scene.wall
+        self.dim, self.ratio = scene.dim, float(scene.dx_over_h)
         self.alphas = list(multi_indices(self.dim, degree))
         eta, support = float(wall.eta), float(kernel.support)
         dummy = wall.ghosts == "dummy"
         # an image within reach has its original within 2η + κ
         reach = 2.0 * support if dummy else support + 2.0 * eta
-        around = sites(kind, reach / self.ratio + 1.0, tuple(offset))
-        phase = wall.phase(kind, dx_over_h, tuple(offset))
-        length = np.array([float(u) for u in units(kind)])
-        start = np.array([float(o) for o in offset])
-        fluid = around[0] >= -phase
+        around = replace(scene, wall=None).sites(reach / self.ratio + 1.0)
+        fluid = around[0] >= -scene.wall_phase
         self.index = around[:, fluid]
-        self.points = self.ratio * (self.index.T * length + start)
-        beyond = self.ratio * (around[:, ~fluid].T * length + start)
+        self.points, beyond = scene.positions(self.index), scene.positions(around[:, ~fluid])
         self.dummies = beyond[(beyond**2).sum(axis=1) <= (support + self.ratio) ** 2]
-        self.target = int(np.argmin((self.points**2).sum(axis=1))) if not any(offset) else -1
+        self.target = int(np.argmin((self.points**2).sum(axis=1))) if scene.at_particle else -1
 
     def moments(self, moved: Array) -> dict[MultiIndex, Array]:
         """M_α, (D,), at displacements (D, M, d) in Δx."""
@@ -143,3 +137,18 @@ class Ghosted:
                 for (b, i), value in zip(some, np.broadcast_to(change, len(some)), strict=True):
                     slopes[alpha][b, i] = value
         return slopes, curves
+
+
+def moved_with_ghosts(
+    kernel: Kernel, operator: Operator, scene: Arrangement, degree: int, axis: int
+) -> tuple[dict[MultiIndex, float], dict[MultiIndex, float]]:
+    """What displacements add to the mean of every moment, and its standard deviation."""
+    seen = Ghosted(kernel, operator, scene, degree, axis)
+    slopes, curves = seen.derivatives()
+    mixed = mixing(scene, seen.index)
+    shift, std = {}, {}
+    for alpha, slope in slopes.items():
+        row = slope if mixed is None else mixed.T @ slope
+        std[alpha] = scene.sigma * float((row * row).sum()) ** 0.5
+        shift[alpha] = 0.5 * scene.sigma**2 * curves[alpha] if mixed is None else 0.0
+    return shift, std
