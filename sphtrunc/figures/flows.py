@@ -10,7 +10,8 @@ import numpy as np
 
 from sphtrunc.figures.picture import Curve, Field, Panel, Picture, measured, predicted, slope
 from sphtrunc.study.flows.cavity import published
-from sphtrunc.study.flows.flow import Lid, Steady, Vortex, flow
+from sphtrunc.study.flows.flow import flow
+from sphtrunc.study.flows.results import Lid, Steady, Vortex
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
