@@ -58,7 +58,7 @@ class Decay:
 def symbol(kernel: Kernel, operator: Operator, lattice: Lattice, kappa: Array) -> float:
     """Σ_b w_b cos κ·s_b of an estimate of even derivatives on a lattice, in 1/h²; κ in 1/h."""
     (stencil,) = stencils(kernel, operator, lattice)
-    return float(stencil.symbol([float(x) for x in kappa]).real)
+    return float(stencil.symbol(kappa.tolist()).real)
 
 
 def decay(
