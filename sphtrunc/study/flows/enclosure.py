@@ -111,7 +111,7 @@ def planes(
     """
     known(wall)
     home = scene.lattice if isinstance(scene, Jittered) else scene
-    place = PLACES.get(str(at), at) if at is not None else PLACES[_usual(wall)]
+    place: Any = PLACES.get(str(at), at) if at is not None else PLACES[_usual(wall)]
     made = box(home, counts, walled=walled, at=place)
     few = [n for n, end in zip(counts, walled, strict=True) if end and n < FEWEST]
     if few:

@@ -87,8 +87,8 @@ class Setting:
     def place(self) -> Fraction:
         """Steps from a wall to the first plane."""
         usual = "particle" if self.wall == "none" else "half-way"
-        chosen = usual if self.at is None else self.at
-        return Fraction(PLACES.get(str(chosen), chosen))  # type: ignore[arg-type]
+        chosen: Any = usual if self.at is None else self.at
+        return Fraction(PLACES.get(str(chosen), chosen))
 
     def enclosure(self, moved: Array | None = None) -> Enclosure:
         """Its particles."""
