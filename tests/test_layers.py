@@ -24,7 +24,7 @@ LAYERS = [
     {"scenes", "audit"},
     {"theory", "experiment"},
     {"study", "testing"},
-    {"figures"},
+    {"figures", "explorer"},
     {"bench"},
     {"cli"},
     {"__main__", ""},
