@@ -299,7 +299,7 @@ def test_means_and_spreads_under_disorder(scene: Any, name: str, operator: Opera
     assert_within_standard_errors(scene, name, operator, 2000)
 
 
-@examples(40)
+@examples(20)
 @given(
     disordered(),
     st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
