@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
     from sphtrunc.study.conservation.conserving import conserve as conserve
+    from sphtrunc.study.flows.flow import flow as flow
     from sphtrunc.study.snapshots.error_map import error_map as error_map
     from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
@@ -56,6 +57,7 @@ _PUBLIC = {
     "derive": "theory.deriving",
     "error_map": "study.snapshots.error_map",
     "field": "experiment.fields",
+    "flow": "study.flows.flow",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
     "kernel": "kernels.parse",

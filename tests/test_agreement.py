@@ -101,8 +101,7 @@ LOW = {1: Fraction(1, 8), 2: Fraction(2, 5), 3: Fraction(3, 5)}
 
 def assert_within_bound(scene: Any, shape: Any, operator: Operator, degree: int) -> Any:
     """measured − derived, in 50 digits, against the bound of the measurement, which is returned."""
-    place = (scene.kind, scene.dx_over_h, scene.offset)
-    derived = lattice_moments(shape, operator, *place, degree, exact=False)
+    derived = lattice_moments(shape, operator, scene, degree, exact=False)
     found = measure(scene, shape, operator, moments=degree, bound=True, workers=1)
     bounds: Any = found.moment_bound
     for alpha in multi_indices(scene.dim, degree):
@@ -258,7 +257,7 @@ def test_euler_maclaurin_is_the_sum_particle_by_particle(
     scene = lattice(1, "uniform", ratio, offset)
     chosen = LINES if SHAPES[name].smoothness >= 1 else PLAIN[:4]
     keys = dict.fromkeys(key for operator in chosen for key in operator.needed(1, 3))
-    sums = lattice_sums(SHAPES[name], keys, "uniform", ratio, (offset,))
+    sums = lattice_sums(SHAPES[name], keys, scene)
     for operator in chosen:
         derived = derive(SHAPES[name], operator, degree=3, dx_over_h=ratio, offset=offset).discrete
         assert isinstance(derived, Moments)
@@ -396,8 +395,7 @@ def test_a_slightly_wrong_kernel_is_seen(operator: Operator) -> None:
     first[4] = first[4] * (1 + Fraction(1, 10**12))
     wrong = Kernel(shape.knots, [first])
     scene = lattice(2, "hexagonal", "1/2", ["1/5", "1/7"])
-    place = (scene.kind, scene.dx_over_h, scene.offset)
-    derived = lattice_moments(shape, operator, *place, 3, exact=False)
+    derived = lattice_moments(shape, operator, scene, 3, exact=False)
     found = measure(scene, wrong, operator, moments=3, bound=True)
     bounds: Any = found.moment_bound
     outside = [

@@ -23,7 +23,12 @@ from sphtrunc.arithmetic.summation import Array
 from sphtrunc.experiment import ghosts, nested
 from sphtrunc.experiment.fields import Bump, Values
 from sphtrunc.experiment.measurement import Block
-from sphtrunc.experiment.neighbour_sums import estimate, exact_derivatives, moments_by_fields
+from sphtrunc.experiment.neighbour_sums import (
+    Weights,
+    estimate,
+    exact_derivatives,
+    moments_by_fields,
+)
 from sphtrunc.experiment.task import Task, is_wave
 from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.lattice import Lattice
@@ -31,7 +36,8 @@ from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.smoothing_lengths import Sloped
 
-Chunk, Done = TypeVar("Chunk"), TypeVar("Done")
+Chunk = TypeVar("Chunk")
+Done = TypeVar("Done")
 
 
 def in_order(
@@ -96,23 +102,12 @@ def _sum(
         found, moments = nested.estimate(task, number, block, s, volume, owns, health)
         parts = found[0] if found else []
     else:
-        parts, moments = estimate(
-            number,
-            s,
-            volume,
-            task.kernel,
-            task.operator,
-            None if cut else task.degree,
-            samples,
-            health,
-            stretches,
-            _density(task, number, block, volume),
-        )
-    if cut and task.degree is not None:
-        fields = dict(ghosts.monomials(task, number, block, s, task.degree))
-        moments = moments_by_fields(
-            number, s, volume, task.kernel, task.operator, fields, health, stretches
-        )
+        weights = Weights(number, s, volume, task.kernel, task.operator, stretches)
+        density = _density(task, number, block, volume)
+        parts, moments = estimate(weights, None if cut else task.degree, samples, health, density)
+        if cut and task.degree is not None:
+            fields = dict(ghosts.monomials(task, number, block, s, task.degree))
+            moments = moments_by_fields(weights, fields, health)
     truth = exact_derivatives(task.operator, samples, len(s)) if samples else None
     errors = None
     if truth is not None:

@@ -28,7 +28,7 @@ from sphtrunc.experiment import nested
 from sphtrunc.experiment.blocks import evaluated, in_order
 from sphtrunc.experiment.fields import Sinusoid, sinusoid
 from sphtrunc.experiment.measurement import Block, Measurement
-from sphtrunc.experiment.neighbour_sums import exact_derivatives, terms_of
+from sphtrunc.experiment.neighbour_sums import Weights, exact_derivatives
 from sphtrunc.experiment.statistics import _chosen, gathered, relative_width, squares, until
 from sphtrunc.experiment.task import Task
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
@@ -174,7 +174,7 @@ def _series(
     number, health = Plain(), Health()
     s = list(block.offset)
     volume = np.asarray(block.volume)
-    terms = terms_of(number, s, volume, kernel, operator, block.stretches(number))
+    terms = Weights(number, s, volume, kernel, operator, block.stretches(number)).terms
 
     def weight(term: Any, alpha: tuple[int, ...]) -> Array:
         result = terms[term]

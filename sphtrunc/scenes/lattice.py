@@ -19,54 +19,29 @@ from numpy.typing import NDArray
 from sphtrunc.arithmetic.precision import arithmetic_for
 from sphtrunc.arithmetic.rational import exact, fraction
 from sphtrunc.arithmetic.summation import Array, dd_from_ratio
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, summed
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.random_numbers import MOST_INDICES as MOST_INDICES
-from sphtrunc.scenes.sites import DEFAULT, KINDS, sites, units
+from sphtrunc.scenes.sites import DEFAULT, lattice_of, sites, units
 from sphtrunc.scenes.walls import PLACES, Wall
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
-
-VOLUMES = ("constant", "cell", "summation")
 
 
 # ------------------------------------------------------------------------------------- lattices
 
 
 @dataclass(frozen=True)
-class Lattice:
+class Lattice(Arrangement):
     """An undisplaced lattice: one target stands for all. By `lattice` and `beside_wall`."""
-
-    kind: str
-    dx_over_h: Fraction
-    offset: tuple[Fraction, ...]
-    volume: str
-    extent: int
-    wall: Wall | None = None
-
-    @property
-    def dim(self) -> int:
-        """d."""
-        return KINDS[self.kind].dim
 
     @property
     def population(self) -> int:
         """The number of different targets."""
         return 1
-
-    @property
-    def particles(self) -> int:
-        """The number of particles of a scene of this extent."""
-        return int(self.extent**self.dim)
-
-    @property
-    def wall_phase(self) -> Fraction:
-        """φ of its wall: the planes m with m + φ > 0 are fluid, that with m + φ = 0 is on it."""
-        if self.wall is None:
-            raise ValueError("wall: this lattice has none")
-        return self.wall.phase(self.kind, self.dx_over_h, self.offset)
 
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours."""
@@ -91,7 +66,7 @@ class Lattice:
         hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
         error: Array | None = np.abs(lo) * EDGE
         if self.volume == "summation":
-            home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
+            home = self.seen_from()
             sites = _stencil(home, kernel)
             around, after = _positions(home, sites, self.dx_over_h, extended or errors)
             there: list[Any] = [(s_i[:, None], None, None) for s_i in around]
@@ -152,10 +127,7 @@ def lattice(
     """
     if dim not in DEFAULT:
         raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
-    kind = DEFAULT[dim] if kind is None else kind
-    names = [name for name, data in KINDS.items() if data.dim == dim]
-    if kind not in names:
-        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    kind = lattice_of(dim, kind, volume)
     ratio = exact(dx_over_h, "dx_over_h")
     if not 0 < ratio <= 2**20 or ratio < Fraction(1, 2**40):
         raise ValueError(
@@ -171,11 +143,9 @@ def lattice(
     shift = tuple(exact(value, "offset") for value in values)
     if any(abs(s) > MOST_INDICES for s in shift):
         raise ValueError("offset: expected a few particle spacings at most")
-    if volume not in VOLUMES or (volume == "cell" and dim > 1):
-        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
     extent = {1: 10**6, 2: 10**4, 3: 10**3}[dim] if extent is None else extent
     _whole("extent", extent, 1, MOST_INDICES)
-    return Lattice(kind, ratio, shift, volume, int(extent))
+    return Lattice(kind, ratio, shift, volume, extent=int(extent))
 
 
 def beside_wall(
@@ -207,14 +177,13 @@ def beside_wall(
         )
     place = None if at is None else exact(PLACES.get(str(at), at), "wall-at")
     wall = Wall(exact(eta, "wall"), place, ghosts, exact(weight or "1/2", "wall-weight"))
-    offset, _ = wall.placed(scene.kind, scene.dx_over_h, scene.offset)
-    return replace(scene, offset=offset, wall=replace(wall, at=None))
+    return scene.beside(wall)
 
 
 # --------------------------------------------------------------------------------------- the parts
 
 
-def _on_wall(lattice: Lattice, m: Indices) -> NDArray[np.bool_]:
+def _on_wall(lattice: Arrangement, m: Indices) -> NDArray[np.bool_]:
     phase = lattice.wall_phase
     on: NDArray[np.bool_] = m[0] == -phase if phase.denominator == 1 else np.zeros(m.shape[1], bool)
     return on
@@ -230,14 +199,14 @@ def _cut(
     reach: int,
 ) -> Neighbourhood:
     """The stencil on the fluid's side of a wall, (d, N, 1), and behind it the ghosts."""
-    wall.require_seen(lattice.kind, lattice.dx_over_h, lattice.offset, fraction(kernel.support))
+    lattice.require_seen(fraction(kernel.support))
     m = _stencil(lattice, kernel, reach=reach)
     wide, edge = extended or errors, -lattice.wall_phase
     here = _positions(lattice, m, lattice.dx_over_h, wide)
     parts, images, on_wall = [here], [here], [_on_wall(lattice, m)]
     mirrored = wall.ghosts in ("mirror", "odd")
     shift = 2 * wall.eta / lattice.dx_over_h if mirrored else Fraction(0)
-    there = replace(lattice, offset=(lattice.offset[0] + shift, *lattice.offset[1:]), wall=None)
+    there = lattice.seen_from((lattice.offset[0] + shift, *lattice.offset[1:]))
     radius = reach * float(kernel.support) / float(lattice.dx_over_h)
     others = _cached_sites(lattice.kind, radius, there.offset, 0.0)
     others = others[:, others[0] >= edge if mirrored else others[0] < edge]
@@ -300,14 +269,14 @@ def _whole(name: str, value: object, low: int, high: int) -> None:
 
 
 def _stencil(
-    lattice: Lattice, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
+    lattice: Arrangement, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
 ) -> Indices:
     """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
     radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
     found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
     if lattice.wall is not None:
         found = found[:, found[0] >= -lattice.wall_phase]
-    if not slack and not _any_inside(lattice, found, kernel):
+    if not slack and not _any_inside(lattice, found, fraction(kernel.support)):
         raise ValueError(
             f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
             f" support of {float(kernel.support):g} h; did you mean h/Δx?"
@@ -315,15 +284,14 @@ def _stencil(
     return found
 
 
-def _any_inside(lattice: Lattice, m: Indices, kernel: Kernel) -> bool:
+def _any_inside(lattice: Arrangement, m: Indices, support: Fraction) -> bool:
     """At least one particle, not at the target, strictly inside the support."""
-    support = float(kernel.support)
     place = _positions(lattice, m, lattice.dx_over_h)[0]
-    square = (place * place).sum(axis=0) / support**2
+    square = (place * place).sum(axis=0) / float(support) ** 2
     if np.any((square > 1e-9) & (square < 1 - 1e-9)):  # far beyond rounding
         return True
     position = _exact_positions(lattice, m) * lattice.dx_over_h
-    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in (position * position).sum(axis=0))
+    return any(0 < r2 < support**2 for r2 in (position * position).sum(axis=0))
 
 
 @lru_cache(maxsize=16)
@@ -332,7 +300,7 @@ def _cached_sites(kind: str, radius: float, offset: tuple[Fraction, ...], slack:
 
 
 def _positions(
-    lattice: Lattice, m: Indices, scale: Fraction, extended: bool = False
+    lattice: Arrangement, m: Indices, scale: Fraction, extended: bool = False
 ) -> tuple[Array, Array | None]:
     """(m·unit + offset)·scale along each axis, (d, N), correctly rounded; with the rest if asked
     for. Each is a ratio of integers, found once per coordinate and axis."""
@@ -353,7 +321,7 @@ def _positions(
     return np.stack(high), np.stack(low) if extended else None
 
 
-def _exact_positions(lattice: Lattice, m: Indices) -> NDArray[Any]:
+def _exact_positions(lattice: Arrangement, m: Indices) -> NDArray[Any]:
     """m·unit + offset, (d, N), as Fractions (irrational units to 256 bits)."""
     return np.array(
         [

@@ -17,9 +17,9 @@ from typing import Any
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import Moments
 from sphtrunc.operators.operator import Operator
-from sphtrunc.scenes.sites import DEFAULT, units
+from sphtrunc.scenes.sites import units
 from sphtrunc.scenes.walls import Wall
-from sphtrunc.study.tuning import FINEST, Problem, Setting
+from sphtrunc.study.tuning import Problem, Setting
 from sphtrunc.theory.field_error import Split, predict_waves
 from sphtrunc.theory.limit import _smoothing_order
 from sphtrunc.theory.walls.moments import cut_moments
@@ -68,9 +68,8 @@ def boundary_layer(
             "wall: particles in disorder beside a wall are predicted from a displaced lattice;"
             " expected --jitter"
         )
-    kind = problem.lattice or DEFAULT[problem.dim]
-    ratio = Fraction(chosen.dx_over_h).limit_denominator(FINEST)
-    step = units(kind)[0] * ratio
+    plain = problem.scene(chosen.dx_over_h)
+    step = units(plain.kind)[0] * plain.dx_over_h
     x, widest = chosen.h_over_lambda, float(kernel.support) * chosen.h_over_lambda
     if not domain > 2.0 * widest:
         raise ValueError(
@@ -81,17 +80,8 @@ def boundary_layer(
     errors: list[Split] = []
     while (len(eta) + Fraction(1, 2)) * step < kernel.support:
         at = (len(eta) + Fraction(1, 2)) * step
-        errors += predict_waves(
-            kernel,
-            problem.operator,
-            kind,
-            ratio,
-            (Fraction(0),) * problem.dim,
-            [x],
-            sigma=problem.sigma,
-            distribution=problem.distribution,
-            wall=Wall(at.limit_denominator(10**9)),
-        )
+        scene = plain.beside(Wall(at.limit_denominator(10**9)))
+        errors += predict_waves(kernel, problem.operator, scene, [x])
         eta.append(float(at))
     inside = chosen.error
     differs = [abs(one.total / inside.total - 1.0) > DIFFERS for one in errors]

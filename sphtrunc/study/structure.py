@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,8 @@ from sphtrunc.arithmetic.rational import exact
 from sphtrunc.experiment.engine import volumes
 from sphtrunc.experiment.glasses import glass
 from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import Jittered
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.probes import Probes
 from sphtrunc.scenes.relaxed import Recipe
@@ -24,6 +25,7 @@ from sphtrunc.theory.disorder.structure_factor import (
     measured,
     poisson,
 )
+from sphtrunc.theory.fields import Waves
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -41,10 +43,8 @@ def structure_factor(scene: Scene, *, reach: float | None = None) -> StructureFa
 
     Raises ValueError for graded spacing, which is not homogeneous, and as `measured` does.
     """
-    if isinstance(scene, Jittered):
-        return displaced(scene.lattice.kind, scene.sigma, scene.distribution)
-    if isinstance(scene, Lattice):
-        return displaced(scene.kind, 0.0)
+    if isinstance(scene, Arrangement):
+        return displaced(scene.kind, scene.sigma, scene.distribution)
     if isinstance(scene, Probes):
         return structure_factor(scene.home, reach=reach)
     if not isinstance(scene, Particles):
@@ -100,7 +100,7 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
     Raises ValueError where there is no theory.
     """
     if isinstance(scene, Jittered):
-        ratio, volume = float(scene.lattice.dx_over_h), scene.volume
+        ratio, volume = float(scene.dx_over_h), scene.volume
         return structure_factor(scene), {"dx_over_h": ratio, "volume": volume, "at": "random"}
     require_theory(scene)
     at = "random" if isinstance(scene, Probes) else "particles"
@@ -158,3 +158,12 @@ def errors_by_structure(
     return predict_errors_from(
         shape, operator, factor, signals=signals, precision=precision, **options
     )
+
+
+def waves_by_structure(
+    scene: Scene, kernel: Kernel | str, operator: Operator, h_over_lambda: Sequence[float]
+) -> list[Split]:
+    """The predicted error for sinusoids along the first axis, one for every h/λ."""
+    kappa = 2 * np.pi * np.asarray(h_over_lambda, dtype=np.float64)
+    signals = Waves(kappa, np.eye(scene.dim)[0])
+    return errors_by_structure(scene, kernel, operator, signals)

@@ -19,6 +19,7 @@ from sphtrunc.kernels.conventions import BALL
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import DEFAULT
 from sphtrunc.theory.disorder.spectral_law import predict_errors_from
 from sphtrunc.theory.disorder.structure_factor import StructureFactor
@@ -66,13 +67,13 @@ class Problem:
             return predict_errors_from(
                 kernel, self.operator, self.disorder, r, waves, at="particles"
             )
-        return predict_waves(
-            kernel,
-            self.operator,
+        return predict_waves(kernel, self.operator, self.scene(r), lengths)
+
+    def scene(self, r: float) -> Arrangement:
+        """The displaced lattice at Δx/h = r."""
+        return Arrangement(
             self.lattice or DEFAULT[self.dim],
             Fraction(r).limit_denominator(FINEST),
-            (Fraction(0),) * self.dim,
-            lengths,
             sigma=self.sigma,
             distribution=self.distribution,
         )

@@ -21,11 +21,12 @@ from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.plain import Compensated, Plain
 from sphtrunc.experiment import fields as fd
 from sphtrunc.experiment.measuring import measure
-from sphtrunc.experiment.neighbour_sums import estimate
+from sphtrunc.experiment.neighbour_sums import Weights, estimate
 from sphtrunc.kernels.catalogue import names
 from sphtrunc.kernels.values import kernel_values
 from sphtrunc.operators.moments import multi_indices
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
@@ -55,7 +56,7 @@ def test_measured_is_derived_within_the_bound(name: str) -> None:
     keys = dict.fromkeys(key for operator in DERIVED for key in operator.needed(1, 4))
     for (i, ratio), offset in product(enumerate(RATIOS), OFFSETS):
         step, shift = Fraction(ratio), Fraction(offset)
-        found = lattice_sums(kernel, keys, "uniform", step, (shift,))
+        found = lattice_sums(kernel, keys, Arrangement("uniform", step, (shift,)))
         sums = {key: Fraction(str(value)) for key, value in found.items()}
         scene = lattice(1, None, step, shift)
         for operator in DERIVED:
@@ -106,7 +107,8 @@ def both(
         volume = number.number(block.volume, block.volume_low, block.volume_error)
         sample = wave.at(number, block, s, own)
         health = Health()
-        parts, _ = estimate(number, s, volume, kernel, operator, None, [sample], health)
+        weights = Weights(number, s, volume, kernel, operator)
+        parts, _ = estimate(weights, None, [sample], health)
         assert np.all(np.asarray(health.condition) < 1e8)
         results.append(parts)
     error = [
@@ -183,9 +185,8 @@ def test_reported_bounds_hold_and_are_tight_against_sixty_digits(case: tuple[Any
             s = [number.number(x) for x in offset]
             own = tuple(float(x[0]) for x in wave.own(np.array([t]), 0))
             sample = wave.at(number, None, s, own)
-            parts, moments = estimate(
-                number, s, number.number(volume), kernel, operator, 1, [sample], Health()
-            )
+            weights = Weights(number, s, number.number(volume), kernel, operator)
+            parts, moments = estimate(weights, 1, [sample], Health())
             rows = [[sample.derivatives[mu] for mu in row] for row in operator.components(dim)]
             for i, (part, row) in enumerate(zip(parts, rows, strict=True)):
                 true = (part - sum(row)) / mp.mpf(scale)
@@ -234,10 +235,9 @@ def test_reported_bounds_hold_in_every_kind_of_scene(name: str) -> None:
             number = Exact()
             s = [number.number(x) for x in offset]
             stretch = scene.exact_pairs(int(t), kernel)[1] if hasattr(scene, "mode") else None
-            stretch = None if stretch is None else number.number(stretch)
-            _, moments = estimate(
-                number, s, number.number(volume), kernel, Operator(), 1, [], Health(), stretch
-            )
+            stretches = (None if stretch is None else number.number(stretch),)
+            weights = Weights(number, s, number.number(volume), kernel, Operator(), stretches)
+            _, moments = estimate(weights, 1, [], Health())
             for alpha, m in moments.items():
                 gap = abs(mp.mpf(float(found.moments[alpha][t])) - m)
                 assert gap <= found.moment_bound[alpha][t]
@@ -359,7 +359,7 @@ def test_bounds_hold_for_summed_volumes_on_lattices(kind: str, offset: Any) -> N
     scene = lattice(2 if offset == 0 else 3, kind, "4/5", offset, volume="summation")
     kernel, operator = sphtrunc.kernel("wendland-c4"), Operator("gradient", "difference")
     keys = operator.needed(scene.dim, 2)
-    sums = lattice_sums(kernel, keys, kind, Fraction(4, 5), scene.offset, False, "summation")
+    sums = lattice_sums(kernel, keys, scene, False)
     derived = operator.correct(sums, scene.dim, 2)
     found = measure(scene, kernel, operator, moments=2, bound=True)
     assert found.moment_bound is not None

@@ -454,9 +454,7 @@ def test_a_sinusoid_is_predicted_on_lattices(
         Operator("laplacian", "nested", "csph"),
     ):
         (row,) = waves(scene, "wendland-c4", [operator], lengths)
-        theory = predict_waves(
-            kernel("wendland-c4"), operator, kind, scene.dx_over_h, scene.offset, lengths
-        )
+        theory = predict_waves(kernel("wendland-c4"), operator, scene, lengths)
         for length, one, split in zip(lengths, row, theory, strict=True):
             # Σ|w| <= 100/h² and a few roundings, relative to k²
             rounding = 1e3 * U * 100 / min(1.0, 2 * np.pi * length) ** 2
@@ -469,14 +467,8 @@ def test_the_smoothing_part_is_one_less_the_square_of_the_transform() -> None:
     shape = kernel("wendland-c2")
     for dim in (1, 2, 3):
         one_less = smoothing_error(shape, [2 * np.pi * 0.1], dim)
-        (split,) = predict_waves(
-            shape,
-            NESTED,
-            {1: "uniform", 2: "square", 3: "cubic"}[dim],
-            Fraction(1, 2),
-            (Fraction(0),) * dim,
-            [0.1],
-        )
+        scene = lattice(dim, None, "1/2")
+        (split,) = predict_waves(shape, NESTED, scene, [0.1])
         f = 1.0 - float(one_less[0])
         assert split.smoothing * np.sqrt(2.0) == pytest.approx(1.0 - f * f, rel=1e-9)
 
@@ -498,17 +490,7 @@ def test_a_sinusoid_is_predicted_in_disorder(
     operators = [NESTED, Operator("laplacian", "nested", "csph")]
     table = waves(scene, "wendland-c4", operators, lengths, targets=4000)
     for operator, row in zip(operators, table, strict=True):
-        theory = predict_waves(
-            kernel("wendland-c4"),
-            operator,
-            "uniform",
-            scene.lattice.dx_over_h,
-            scene.lattice.offset,
-            lengths,
-            sigma=sigma,
-            distribution=distribution,
-            volume=rule,
-        )
+        theory = predict_waves(kernel("wendland-c4"), operator, scene, lengths)
         for one, split in zip(row, theory, strict=True):
             assert one.error is not None
             low, high = one.error["rms_ci95"]
@@ -534,10 +516,7 @@ def test_the_mean_in_disorder_is_not_that_of_the_lattice(
     scene = jittered(lattice(dim, kind, ratio), sigma)
     shape, operator = kernel("wendland-c4"), Operator("laplacian", "nested", correction)
     moments = measure(scene, shape, operator, moments=2, targets=targets).moments
-    still, moved = (
-        predict(shape, operator, kind, Fraction(ratio), (Fraction(0),) * dim, sigma=s, degree=2)
-        for s in (0.0, sigma)
-    )
+    still, moved = (predict(shape, operator, s, degree=2) for s in (scene.lattice, scene))
     away = []
     for alpha in (unit(dim, 0, 2), unit(dim, 1, 2)):
         error = moments[alpha].std() / targets**0.5

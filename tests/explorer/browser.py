@@ -1,4 +1,4 @@
-"""The page in a browser, driven as a person drives it; without one nothing here is run, and said."""
+"""The page in a browser, driven as a person drives it; without one nothing is run, and said."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The numbers of 200 random settings: the package's, those of the page's script in a JavaScript engine,
-and what a browser shows to whom sets the controls, wherever there is one."""
+"""The numbers of 200 random settings: the package's, those of the page's script in a JavaScript
+engine, and what a browser shows to whom sets the controls, wherever there is one."""
 
 from __future__ import annotations
 

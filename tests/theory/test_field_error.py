@@ -16,6 +16,7 @@ from sphtrunc.kernels.parse import kernel
 from sphtrunc.kernels.transform import smoothing_error
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.sites import DEFAULT
@@ -29,10 +30,12 @@ LENGTHS = (1e-3, 0.02, 0.1, 0.3)
 SHAPE = kernel("polynomial:4")
 
 
-def predicted(operator, dim, ratio, lengths=LENGTHS, shape=SHAPE, offset=0, kind=None, **disorder):
+def predicted(
+    operator, dim, ratio, lengths=LENGTHS, shape=SHAPE, offset=0, kind=None, along=None, **disorder
+):
     shift = (Fraction(offset),) * dim
-    place = kind or DEFAULT[dim]
-    return predict_waves(shape, operator, place, Fraction(ratio), shift, lengths, **disorder)
+    scene = Arrangement(kind or DEFAULT[dim], Fraction(ratio), shift, **disorder)
+    return predict_waves(shape, operator, scene, lengths, direction=along)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +206,7 @@ def test_a_polynomial_is_the_sum_of_its_moments(dim, kind):
     degree = max(map(sum, terms))
     for operator in [o for o in OPERATORS if o.derivatives]:
         keys = operator.needed(dim, degree)
-        direct = lattice_sums(shape, keys, kind, ratio, scene.offset, False)
+        direct = lattice_sums(shape, keys, scene, False)
         integrals = {key: continuous_sum(shape, key) for key in keys}
         squares = {"whole": 0.0, "smooth": 0.0, "rest": 0.0}
         for axis in range(len(operator.components(dim))):
@@ -229,14 +232,14 @@ def test_the_smoothing_part_does_not_depend_on_the_direction(dim):
     """Kernels are isotropic: only the components of a Hessian i <= j are weighted unevenly."""
     for operator in [o for o in OPERATORS if o.name != "hessian"]:
         (ahead,) = predicted(operator, dim, "1/2", [0.1])
-        (oblique,) = predicted(operator, dim, "1/2", [0.1], direction=OBLIQUE[dim])
+        (oblique,) = predicted(operator, dim, "1/2", [0.1], along=OBLIQUE[dim])
         assert abs(ahead.smoothing - oblique.smoothing) <= 1e3 * 2.0**-53
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_hessian_tends_to_its_turned_limit(dim):
     """∂ᵢ∂ⱼ of e^{ik·s} is −kᵢ kⱼ F(k) e^{ik·s}: the error of the components i <= j together."""
-    (found,) = predicted(Operator("hessian"), dim, "1/2", [0.1], direction=OBLIQUE[dim])
+    (found,) = predicted(Operator("hessian"), dim, "1/2", [0.1], along=OBLIQUE[dim])
     n = [x / sqrt(sum(y * y for y in OBLIQUE[dim])) for x in OBLIQUE[dim]]
     size = sqrt(sum((n[i] * n[j]) ** 2 for i in range(dim) for j in range(i, dim)))
     exact = float(smoothing_error(SHAPE, 2 * pi * 0.1, dim)) * size / sqrt(2)
