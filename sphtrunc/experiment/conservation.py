@@ -175,7 +175,7 @@ def _sum(terms: Callable[[slice], Any], count: int) -> float:
 def _linear(force: Action, shift: Array | float) -> Residual:
     assert force.bound is not None
     n = force.value.shape[1]
-    worst = max(abs(_total(lambda part, row=row: row[part], n)) for row in force.value)
+    worst = max(abs(_total(row.__getitem__, n)) for row in force.value)
     bound = float(max(row.sum() for row in force.bound) + np.sum(shift))
     return _relative(worst, bound, float(force.size.sum()))
 
