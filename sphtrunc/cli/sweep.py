@@ -16,6 +16,7 @@ from sphtrunc.study.sweep import AXES, NUMERIC, Study, sweep, to_csv, values
 _HELP = {
     "kernel": "A name, formula or file, as for derive; repeat it for several.",
     "dim": "Dimension.",
+    "particles": "relaxed:glass,N=1024 or another recipe, for a lattice; repeat it for several.",
     "lattice": "uniform; square, hexagonal; cubic, bcc, fcc, hcp.",
     "dx-over-h": "Particle spacing over smoothing length.",
     "offset": "Position of the lattice relative to the target, in Δx; 'x y z' in space.",
@@ -33,12 +34,15 @@ _HELP = {
 }
 
 
+_WHOLE = ("kernel", "particles")  # whose values hold commas
+
+
 def _axes(function: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(AXES):
         decorate = click.option(
             f"--{name}",
             multiple=True,
-            metavar="SPEC" if name == "kernel" else "LIST",
+            metavar="SPEC" if name in _WHOLE else "LIST",
             help=f"{_HELP[name]}  [default: {AXES[name] or 'that of measure'}]",
         )
         function = decorate(function)
@@ -107,8 +111,8 @@ def command(
 
 
 def _values(name: str, given: tuple[str, ...]) -> tuple[str, ...]:
-    """All values of an axis; a kernel may hold commas, so each is one value."""
-    if name == "kernel":
+    """All values of an axis; what may hold commas is one value each."""
+    if name in _WHOLE:
         return given
     try:
         return tuple(v for text in given for v in values(text, name in NUMERIC))

@@ -23,7 +23,8 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
-from sphtrunc.scenes.sites import DEFAULT, KINDS, in_pairs, sites
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.sites import DEFAULT, KINDS, sites
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +63,17 @@ class Setting:
             if value < 0 or (value == 0 and name != "jitter"):
                 raise ValueError(f"{shown}: got {value}, expected a positive number")
             object.__setattr__(self, name, value)
-        self.operator.require_pairs(not self.jitter and in_pairs(self.lattice, (0,) * self.dim))
+        self.operator.require_pairs(not self.jitter and self.around.paired)
 
     @property
     def operator(self) -> Operator:
         """The gradient of that form and correction."""
         return Operator("gradient", self.form, self.correction)
+
+    @property
+    def around(self) -> Arrangement:
+        """The particles of the lattice around one of them, before they are displaced."""
+        return Arrangement(self.lattice, self.dx_over_h)
 
     @property
     def shape(self) -> Kernel:
@@ -130,27 +136,23 @@ def numbers(at: Setting) -> dict[str, Any]:
     from sphtrunc.theory.fields import Waves
     from sphtrunc.theory.lattice_sums import lattice_moments
 
-    kernel, operator, home = at.shape, at.operator, (Fraction(0),) * at.dim
+    kernel, operator, scene = at.shape, at.operator, at.around
     kappa = 2 * pi * float(at.h_over_lambda)
     along = [unit(at.dim, 0, n) for n in range(4)]
-    means = lattice_moments(
-        kernel, operator, at.lattice, at.dx_over_h, home, 3, axis=0, exact=False
-    )
+    means = lattice_moments(kernel, operator, scene, 3, exact=False)
     wave = Waves(np.array([kappa]), np.eye(at.dim)[0])
-    still = predict_fields(kernel, operator, at.lattice, at.dx_over_h, home, wave)[0]
+    still = predict_fields(kernel, operator, scene, wave)[0]
     sigma, spreads, disorder = float(at.jitter), [0.0] * 4, 0.0
     if sigma:
-        slopes, _ = propagate(kernel, operator, at.lattice, at.dx_over_h, home, "constant", 3)
+        slopes, _ = propagate(kernel, operator, scene, 3)
         spreads = [sigma * float(np.linalg.norm(slopes[alpha])) for alpha in along]
-        stencil = Stencil(kernel, at.lattice, at.dx_over_h, home, "constant")
-        moved = slopes_of(stencil, operator, wave).values()
+        moved = slopes_of(Stencil(kernel, scene), operator, wave).values()
         disorder = sigma * sqrt(sum(float((g * g).sum()) for g in moved)) / (sqrt(2) * kappa)
+    reach = float(kernel.support) / float(at.dx_over_h)
     lattice_error = sqrt(max(still.total**2 - still.rounding**2, 0.0))
     resolution = convert(kernel, at.dim, dx_over_h=at.dx_over_h).to_dict()
     return {
-        "particles": int(
-            sites(at.lattice, float(kernel.support) / float(at.dx_over_h), home).shape[1]
-        ),
+        "particles": sites(at.lattice, reach, scene.offset).shape[1],
         "moments": [float(means[alpha]) for alpha in along],
         "spreads": spreads,
         "error": {

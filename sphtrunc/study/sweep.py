@@ -31,6 +31,7 @@ from sphtrunc.version import __version__
 AXES: dict[str, str] = {
     "kernel": "cubic-spline",
     "dim": "1",
+    "particles": "",
     "lattice": "",
     "dx-over-h": "1/2",
     "offset": "0",
@@ -205,6 +206,8 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
     if given["dim"] not in ("1", "2", "3"):
         raise ValueError(f"dim: got {given['dim'][:20]!r}, expected 1, 2 or 3")
     dim = int(given["dim"])
+    if given["particles"]:
+        return _relaxed(given, dim)
     extent = MOST_INDICES if dim == 1 else 1000
     offset = given["offset"].split() if " " in given["offset"] else given["offset"]
     made = lattice(
@@ -232,6 +235,31 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
     return jittered(made, _number(given["jitter"]), given["distribution"], seed)
 
 
+def _relaxed(given: Mapping[str, str], dim: int) -> Any:
+    """A glass by its recipe, with h such that Δx/h is what is asked for."""
+    from dataclasses import replace
+
+    from sphtrunc.arithmetic.rational import exact
+    from sphtrunc.experiment.glasses import glass
+    from sphtrunc.experiment.relaxation import with_h
+    from sphtrunc.scenes.relaxed import recipe
+
+    free = ("kernel", "dim", "particles", "dx-over-h", "volume")
+    for name in _SCENE:
+        if name not in free and given[name] != AXES[name]:
+            raise ValueError(f"{name}: belongs to a lattice; of particles expected none")
+    made = recipe(given["particles"], dim)
+    if made.dim != dim:
+        raise ValueError(f"dim: got {dim}, and {given['particles'][:60]} is {made.dim}D")
+    ratio = exact(_number(given["dx-over-h"]), "dx-over-h")
+    if not ratio > 0:
+        raise ValueError(f"dx-over-h: got {given['dx-over-h'][:40]}, expected a positive number")
+    scene = with_h(glass(made).particles, 1.0 / float(ratio))
+    if given["volume"] != "constant":
+        scene = replace(scene, given=None, volume=given["volume"], _trees={})
+    return scene
+
+
 def _number(text: str) -> Any:
     """A number as it is written: exact where it is a fraction or a decimal, else a float."""
     return float(text) if "e" in text.lower() else text
@@ -247,6 +275,9 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
+        if group["scene"]["particles"]:
+            scene.rows(kernel)  # the box may be too small
+            continue
         scene.require_seen(fraction(kernel.support))
         if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
             (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
@@ -263,13 +294,14 @@ def run_group(group: Group) -> list[Row]:
     combinations = list(product(group["operator"], group["form"], group["correction"]))
     operators = [operator_of(*names) for names in combinations]
     lengths = [float(_number(x)) for x in group["h-over-lambda"]]
+    many = bool(group["scene"]["particles"]) or bool(scene.sigma)  # all see another thing
     table = waves(
         scene,
         kernel,
         operators,
         lengths,
         rtol=group["rtol"],
-        targets=group["targets"] if group["targets"] and scene.sigma else None,
+        targets=group["targets"] if many else None,
         seed=group["seed"],
     )
     rows = []
@@ -279,7 +311,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": scene.kind,
+                "lattice": getattr(scene, "kind", ""),
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -303,14 +335,18 @@ def _theory(
     """Predicted rms errors and their parts; None where there is no theory for the scene."""
     from dataclasses import asdict
 
+    from sphtrunc.study.structure import by_structure, waves_by_structure
     from sphtrunc.theory.field_error import predict_waves
 
     try:
-        splits = predict_waves(kernel, operator, scene, lengths)
+        if by_structure(scene):
+            splits = waves_by_structure(scene, kernel, operator, lengths)
+        else:
+            splits = predict_waves(kernel, operator, scene, lengths)
     except ValueError:
-        if scene.wall is None:
+        if getattr(scene, "wall", "none") is None:
             raise
-        return None  # ghosts, the nested form, short waves
+        return None  # ghosts, short waves, forms that the structure factor does not know
     rows = []
     for split in splits:
         row = asdict(split)

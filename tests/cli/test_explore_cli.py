@@ -107,3 +107,19 @@ def test_info_names_what_an_extra_lacks(capsys, monkeypatch):
     _, out, _ = run(capsys, "info")
     assert "without numba" in out
     assert "sphtrunc[fast]" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("sphtrunc exp", {"plain,export", "plain,explore"}),
+        ("sphtrunc info --form", {"plain,--format"}),
+    ],
+)
+def test_a_shell_completes_commands_and_options(words, offered, capsys, monkeypatch):
+    """As click's lines for bash ask for it (the guide's page of info)."""
+    monkeypatch.setenv("_SPHTRUNC_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    _, out, _ = run(capsys)
+    assert set(out.split()) == offered

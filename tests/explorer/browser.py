@@ -1,4 +1,4 @@
-"""The page in a browser, driven as a person drives it; without one nothing here is run, and said."""
+"""The page in a browser, driven as a person drives it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any
 
 from sphtrunc.explorer.assembly import page
 
+#: those of this machine; where there is none, tests that need one say that they were not run
 BROWSERS = [name for name in ("chromium", "google-chrome") if shutil.which(name)]
 DRIVER = Path(__file__).with_name("driver.js").read_text(encoding="utf-8")
 CATCHER = (

@@ -226,6 +226,25 @@ def test_first_order_is_the_limit_of_small_displacements(form):
     assert got["total"] == pytest.approx(split.total, rel=1e-3)
 
 
+TRIED = [
+    ("cubic-spline", 1, "0.4"),
+    ("cubic-spline", 2, "0.7"),
+    ("cubic-spline", 3, "5/6"),
+    ("wendland-c4", 2, "0.6"),
+]
+
+
+@pytest.mark.parametrize(("name", "dim", "ratio"), TRIED)
+@pytest.mark.parametrize("form", ["standard", "difference"])
+def test_what_first_order_is_good_to(name, dim, ratio, form):
+    """As the page says: 6 % of averages over displacements of up to 0.1 Δx, 20 % up to 0.3 Δx."""
+    for sigma, good in (("0.1", 0.06), ("0.3", 0.2)):
+        at = Setting(kernel=name, dim=dim, dx_over_h=ratio, form=form, jitter=sigma)
+        scene = jittered(lattice_of(dim, at.lattice, ratio), float(sigma))
+        split = predict_error(at.shape, at.operator, scene, sinusoid(0.05, dim=dim))
+        assert numbers(at)["error"]["disorder"] == pytest.approx(split.disorder, rel=good)
+
+
 def test_the_smoothing_error_is_that_of_the_transform():
     """1 − F(k) over √2, the mean over phases; F = (2 sin(k/2)/k)⁴ for the cubic spline."""
     k = 2 * pi * 0.05

@@ -1,5 +1,5 @@
-"""The numbers of 200 random settings: the package's, those of the page's script in a JavaScript engine,
-and what a browser shows to whom sets the controls, wherever there is one."""
+"""Numbers of 200 random settings: the package's, those of the page's script in a JavaScript engine,
+and what a browser shows to whoever sets the controls, where there is one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_page_agrees_with_the_package(chunk, tmp_path):
             assert not apart(at, {k: got[k] for k in wanted}, wanted), at
             assert setting(got["hash"]) == at
             assert f"{expected(n)['particles']} particles" in got["summary"]
-            assert len(got["curves"]) == 5  # the kernel, three totals and the path
+            assert len(got["curves"]) == 4  # the kernel, two totals and the path
             assert min(got["curves"]) > 10
 
 

@@ -20,8 +20,12 @@ import pytest
 
 from sphtrunc.cli import main
 from sphtrunc.experiment.fields import sinusoid
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.experiment.relaxation import with_h
+from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
+from sphtrunc.scenes.relaxed import recipe
 from sphtrunc.scenes.walls import GHOSTS
 from sphtrunc.study.sweep import AXES, COLUMNS, Study, operator_of, scene_of, sweep, to_csv, values
 
@@ -512,3 +516,30 @@ def test_walls_that_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             sweep(Study(axes=axes))
+
+
+def test_relaxed_particles_are_an_axis():
+    """Two glasses, measured as `measure` measures them, with the prediction of their S(k)."""
+    recipes = ("relaxed:glass,N=225,steps=20", "relaxed:glass,N=225,steps=20,seed=1")
+    axes = {
+        "kernel": ("wendland-c2",), "dim": ("2",), "particles": recipes, "dx-over-h": ("2/3",),
+        "h-over-lambda": ("0.05",), "operator": ("gradient/difference/csph", "laplacian/nested"),
+    }  # fmt: skip
+    rows = sweep(Study(axes=axes, rtol=None, targets=200))
+    assert [row["particles"] for row in rows] == [recipes[0]] * 2 + [recipes[1]] * 2
+    for text, row in zip(recipes, rows[::2], strict=True):
+        scene = with_h(glass(recipe(text, 2)).particles, 1.5)
+        operator = Operator("gradient", "difference", "csph")
+        one = measure(scene, "wendland-c2", operator, sinusoid("0.05", dim=2), targets=200)
+        assert row["rms"] == pytest.approx(one.error["rms"], rel=1e-12)
+        assert row["rms"] == pytest.approx(row["predicted"], rel=0.1)
+        assert row["lattice"] == ""
+    assert all(row["predicted"] is None for row in rows[1::2])  # no S(k) predicts the nested form
+    for more, says in (
+        ({"jitter": ("0.1",)}, "jitter: belongs to a lattice"),
+        ({"dim": ("3",)}, "N: got 225, which is no power 3"),
+        ({"particles": ("relaxed:glass,N=225,dim=1",)}, "dim: got 2, and relaxed:glass"),
+        ({"dx-over-h": ("1/8",)}, "more than twice the support"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            sweep(Study(axes=axes | more, rtol=None, targets=200))

@@ -246,7 +246,8 @@ function showNumbers({ jitter, correction }, { moments, spreads, error, conventi
   byId("validity").textContent = jitter
     ? "Disorder is of first order in σ: independent displacements of every particle, the target too, by" +
       ` σ = ${short(jitter)} Δx along each axis${correction === "none" ? "" : ", through the correction"}.` +
-      " sphtrunc measure gives it for displacements of any size."
+      " It was within 6 % of averages over displacements of any size, which sphtrunc measure" +
+      " has, up to 0.1 Δx, and within 20 % up to 0.3 Δx, in the cases that were tried."
     : "On a lattice the numbers are right to about 13 digits; below 1e-14 they are rounding.";
   byId("commands").replaceChildren(
     ...commandsOf(setting).flatMap(([says, text]) => [

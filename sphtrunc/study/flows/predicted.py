@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.operators.operator import NESTED
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.sites import units
@@ -87,8 +88,8 @@ class Setting:
     def place(self) -> Fraction:
         """Steps from a wall to the first plane."""
         usual = "particle" if self.wall == "none" else "half-way"
-        chosen = usual if self.at is None else self.at
-        return Fraction(PLACES.get(str(chosen), chosen))  # type: ignore[arg-type]
+        chosen: Any = usual if self.at is None else self.at
+        return Fraction(PLACES.get(str(chosen), chosen))
 
     def enclosure(self, moved: Array | None = None) -> Enclosure:
         """Its particles."""
@@ -155,12 +156,18 @@ class Predicted:
 def truncation(setting: Setting, case: Case) -> dict[str, Array]:
     """τ, plane by plane, (N,): parts "smoothing", "discretisation" and "wall".
 
-    Raises ValueError where theory has no moments: for lines extrapolated beyond a wall, the nested
-    form with ghosts, and channels so narrow that a row sees both walls.
+    Raises ValueError where theory has no moments: for lines extrapolated beyond a wall, dummies
+    that lie where no image does, the nested form with ghosts, and channels so narrow that a row
+    sees both walls.
     """
     home, operator, kernel = setting.home, setting.operator, setting.kernel
     if setting.wall == "extrapolate":
         raise ValueError("there is no theory of moments beside an extrapolated wall")
+    if setting.wall == "dummy" and setting.place not in (0, Fraction(1, 2)):
+        raise ValueError(
+            "the dummies of a wall that is neither half-way nor at particles are no images of the"
+            " fluid, which the theory of their flow needs"
+        )
     if not case.derivatives:
         raise ValueError(f"there is no theory for the walls of {case.name}, beside one plane only")
     n, dim = setting.counts[0], home.dim
@@ -182,7 +189,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
         eta = min(left, right) * step
         field_ = case.taylor(float(left * step / width), h, dim)
         near = bulk
-        if eta < setting.reach * Fraction(int(kernel.support.p), int(kernel.support.q)):
+        if eta < setting.reach * fraction(kernel.support):
             if eta not in known:
                 known[eta] = _beside(setting, eta, degree)
             near = known[eta]
@@ -190,7 +197,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
                 near = {alpha: m * (-1) ** alpha[0] for alpha, m in near.items()}
 
         def estimate(moments: dict[Any, float], values: Any = field_) -> float:
-            return sum(c * moments[alpha] for alpha, c in values.items()) / h**2
+            return float(sum(c * moments[alpha] for alpha, c in values.items())) / h**2
 
         rows["smoothing"].append(estimate(far) - case.forcing)
         rows["discretisation"].append(estimate(bulk) - estimate(far))
@@ -207,9 +214,10 @@ def _beside(setting: Setting, eta: Fraction, degree: int) -> dict[Any, float]:
     home = setting.home
 
     def moments(ghosts: str) -> dict[Any, float]:
-        near = home.beside(Wall(eta, setting.place % 1, ghosts))
-        found = wall_lattice_moments(setting.kernel, setting.operator, near, degree, exact=False)
-        return _floats(found)
+        beside = home.beside(Wall(eta, setting.place % 1, ghosts))
+        return _floats(
+            wall_lattice_moments(setting.kernel, setting.operator, beside, degree, exact=False)
+        )
 
     if setting.wall == "none":
         return moments("none")
@@ -238,7 +246,7 @@ def predict(
         return Predicted(
             **parts, shift=none, spread=none, how=EXACT, known_to=0.0, scatter=0.0, weights=kept
         )
-    error = sum(parts.values())
+    error = np.sum(list(parts.values()), axis=0)
     shift, spread, small, together = disorder(setting, case, enclosure, still, solver, u)
     if small <= SMALL:
         how, known = f"two orders in σ, ε = {small:.2g}", small**2
@@ -313,8 +321,8 @@ def disorder(
     plane = enclosure.index[0, free]
     _, first = np.unique(plane, return_index=True)
     movers = free[first]  # one of every plane
-    reach = _LEVELS[setting.wall] + setting.reach
-    reach *= float(setting.kernel.support) * enclosure.h + spacing
+    levels = _LEVELS[setting.wall] + setting.reach
+    reach = levels * (float(setting.kernel.support) * enclosure.h + spacing)
     stride = int(2 * reach / (float(units(setting.home.kind)[0]) * spacing)) + 2
     rough = _sawteeth(enclosure.index[:, free])
     mean, square, echo = np.zeros(count), np.zeros(count), np.zeros(rough.shape[1])

@@ -109,7 +109,7 @@ def test_correction_is_what_disorder_needs() -> None:
     even, shaken = off(solved(33)), off(solved(33, shaken=True))
     bare, wild = off(solved(33, corrected=False)), off(solved(33, corrected=False, shaken=True))
     for name in even:
-        assert abs(shaken[name] - even[name]) < 0.03, name
+        assert abs(shaken[name] - even[name]) < 0.06, name
         assert bare[name] > 2 * even[name], name
     assert wild["u_min"] > 0.05
 

@@ -79,7 +79,7 @@ def test_what_was_written_by_hand_as_a_file_gives_the_same_flow() -> None:
 
 
 def test_a_glass_between_mirrors_is_a_channel() -> None:
-    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.experiment.glasses import glass
     from sphtrunc.scenes.relaxed import Recipe
 
     home = glass(Recipe(count=256, steps=60)).particles
@@ -98,6 +98,10 @@ def test_what_is_missing_is_said() -> None:
         (
             lambda: planes(SQUARE, C2, (8, 8), (True, False), "none", at="half-way"),
             "pure Neumann",
+        ),
+        (
+            lambda: planes(jittered(SQUARE, "2/5"), C2, (8, 30), (True, False), "mirror"),
+            "particles are displaced beyond a wall",
         ),
         (lambda: annulus(SQUARE, C2, 8, "none"), "no particles of a lattice are on a circle"),
         (lambda: annulus(SQUARE, C2, 4, "mirror"), "got 4 particles across the gap"),
