@@ -211,6 +211,8 @@ def test_mistakes_end_in_one_line(
     assert err.count("\n") == 1
 
 
-def test_an_unknown_flow_is_refused() -> None:
+def test_an_unknown_flow_and_kernels_without_matrices_are_refused() -> None:
+    with pytest.raises(ValueError, match="kernel: gaussian has no compiled sums"):
+        sphtrunc.flow("couette", "gaussian")
     with pytest.raises(ValueError, match="flow: got 'jet', expected one of poiseuille"):
         sphtrunc.flow("jet", "wendland-c2")

@@ -190,8 +190,8 @@ def test_what_a_surface_does_is_told_apart_from_disorder():
 
 
 def test_a_linear_field_has_no_smoothing_error_up_to_the_surface():
-    """Where a support is cut, RKPM of degree 3 is as good as singular: what it makes of the rounding
-    of a field is not taken for derivatives."""
+    """Where a support is cut, RKPM of degree 3 is as good as singular: what it makes of rounding is
+    not taken for derivatives."""
     x = jittered(24, 2, sigma=0.05)
     scene = sphtrunc.particles(x, h=1.3 / 24, volume=24.0**-2)
     found = error_map(scene, KERNEL, fields={"p": 1e5 - 1e4 * x[:, 1]})

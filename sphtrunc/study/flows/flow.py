@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sphtrunc.arithmetic.rational import exact
+from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.boxes import box
@@ -37,7 +38,6 @@ from sphtrunc.study.flows.vortex import decay, fewest_along
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
-    from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.scenes.lattice import Lattice
 
 MODES = 3  # of the slowest transients
@@ -85,6 +85,11 @@ def flow(
     if name not in FLOWS:
         raise ValueError(f"flow: got {name!r}, expected one of {', '.join(FLOWS)}")
     shape = parse_kernel(kernel)
+    if not isinstance(shape, Kernel):
+        raise ValueError(
+            f"kernel: {shape.name} has no compiled sums, of which matrices are made; expected a"
+            " polynomial one"
+        )
     _require_meant(
         name,
         {

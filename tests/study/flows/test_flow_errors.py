@@ -106,6 +106,17 @@ def test_in_the_plane_and_in_space(form: tuple, wall: str, dim: int) -> None:
     assert np.abs(found.error - found.predicted.mean).max() <= found.bound
 
 
+@pytest.mark.parametrize(("wall", "at"), [("mirror", "particle"), ("mirror", "1/4"),
+                                          ("dummy", "particle")])  # fmt: skip
+def test_wherever_the_wall_lies_in_the_lattice(wall: str, at: str) -> None:
+    place = at if at == "particle" else Fraction(at)
+    asked = replace(setting("brookshaw", "none", wall, 16), at=place)
+    found = solved(asked, "poiseuille")
+    assert np.abs(found.error - found.predicted.mean).max() <= found.bound
+    with pytest.raises(ValueError, match="no images of the fluid"):
+        truncation(replace(asked, wall="dummy", at=Fraction(1, 4)), CASES["poiseuille"])
+
+
 def test_the_comparison_would_see_a_thousandth() -> None:
     found = solved(setting("brookshaw", "none", "mirror", 16), "poiseuille", spoiled=1.001)
     assert np.abs(found.error - found.predicted.mean).max() > 1e6 * found.bound
@@ -148,7 +159,7 @@ def first_wrong(asked: Setting) -> int | None:
 
 ORDERS = [
     *(((*form, "mirror"), 2) for form in (FORMS[0], FORMS[1], FORMS[4], FORMS[5])),
-    *(((*form, "none"), 1) for form in (FORMS[0], FORMS[1])),
+    *(((*form, "none"), 1) for form in (FORMS[0], FORMS[1], NESTED[0])),
     *(((*form, "dummy"), 1) for form in (FORMS[0], FORMS[1], FORMS[5])),
     (("direct", "none", "mirror"), 0),
     (("direct", "none", "none"), 0),
@@ -301,6 +312,6 @@ def test_the_level_of_a_form(form: str, across: int) -> None:
 def test_an_operator_that_is_all_but_singular_has_no_average() -> None:
     asked = setting("difference", "none", "mirror", 14, 2, 14)
     with pytest.raises(ValueError, match="there is no average"):
-        expected(replace(asked, scene=jittered(asked.home, "1/5")), "poiseuille")
+        expected(replace(asked, scene=jittered(asked.home, "1/5", "uniform")), "poiseuille")
     with pytest.raises(ValueError, match="blue displacements"):
         expected(replace(asked, scene=jittered(asked.home, "1/10", "blue")), "poiseuille")
