@@ -13,7 +13,7 @@ u the solution on the lattice and G = L⁻¹ there,
     u₁ = −Σ_c ξ_c G D_c u,        ⟨u₂⟩ = −σ² G Σ_c (½ S_c u − D_c G D_c u),
 
 so that the error has a spread, of covariance σ² Σ_c e_c e_cᵀ with e_c = −G D_c u − ∂_c u (it is the
-particle that has moved), and a shift of its mean, ⟨u₂⟩ − ½σ² ∂²u for the same reason. The shift does
+particle that has moved), and a shift of its mean, ⟨u₂⟩ − ½σ² ∂²u for the same reason. It does
 not fall with the number of particles: at that level a form stalls. Its second term is the feedback
 of an operator on its own error; for symmetric forms it is as large as the first.
 
