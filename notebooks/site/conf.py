@@ -23,6 +23,7 @@ import docstrings  # noqa: E402  a file beside this one
 import kernel_pages  # noqa: E402
 
 from sphtrunc import __version__  # noqa: E402
+from sphtrunc.explorer.assembly import page as explorer  # noqa: E402
 
 project = "sphtrunc"
 author = "The sphtrunc developers"
@@ -56,7 +57,6 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the types stand in the tables of arguments
-autodoc_class_signature = "separated"
 autodoc_preserve_defaults = True
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 80
@@ -90,9 +90,16 @@ html_theme_options = {
 }
 
 
+def write_explorer(app: Any) -> None:
+    """The page of `sphtrunc explore`, beside the front page."""
+    if app.builder.format == "html":
+        Path(app.outdir, "explorer.html").write_text(explorer(), encoding="utf-8")
+
+
 def setup(app: Any) -> dict[str, bool]:
     """What is written before the pages are read, and how a docstring becomes a page."""
     app.add_lexer("csv", TextLexer)
     app.connect("builder-inited", kernel_pages.write)
+    app.connect("builder-inited", write_explorer)
     app.connect("autodoc-process-docstring", docstrings.process)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -96,7 +96,14 @@ def table(
     """A list-table of arguments (with defaults) or of the fields of a result."""
     head = _ARGUMENTS if arguments else _FIELDS
     widths = "18 22 14 46" if arguments else "20 24 56"
-    out = [".. list-table::", "   :header-rows: 1", f"   :widths: {widths}", ""]
+    kind = "arguments" if arguments else "fields"
+    out = [
+        ".. list-table::",
+        "   :header-rows: 1",
+        f"   :widths: {widths}",
+        f"   :class: {kind}",
+        "",
+    ]
     out += _row(head)
     if arguments:
         told = {name for names, _ in rows for name in names}

@@ -84,7 +84,7 @@ def slug(name: str) -> str:
 def catalogue() -> str:
     """The table of `sphtrunc kernels`, of its own rows, in one, two and three dimensions."""
     parts = [
-        "# Kernels\n",
+        "---\nhtml_theme.sidebar_secondary.remove: true\n---\n\n# Kernels\n",
         f"The {len(kernels())} kernels of the catalogue. Nothing in it but shapes was typed: every"
         " constant is derived from the pieces. The columns are those of"
         " [`sphtrunc kernels`](../../guide/kernels.md), where they are explained.\n",

@@ -15,7 +15,7 @@ from sphtrunc.output import emit, wrapped
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
-    from sphtrunc.study.flows.flow import Lid, Steady, Vortex
+    from sphtrunc.study.flows.results import Lid, Steady, Vortex
 
 NAMES = ("poiseuille", "couette", "duct", "rotating-couette", "taylor-green", "cavity")
 
@@ -83,7 +83,8 @@ def command(**given: Any) -> int:
     sphtrunc flow taylor-green --kernel wendland-c2 --across 32 --particles relaxed:glass,N=1024
     sphtrunc flow cavity --kernel wendland-c2 --across 65 --re 100,400,1000
     """
-    from sphtrunc.study.flows.flow import Lid, Steady, flow
+    from sphtrunc.study.flows.flow import flow
+    from sphtrunc.study.flows.results import Lid, Steady
 
     scene = _scene(given)
     found = flow(
@@ -175,7 +176,7 @@ def _asked(found: Steady | Vortex | Lid) -> dict[str, Any]:
 
 def _head(found: Steady | Vortex | Lid) -> list[str]:
     """What was solved, on what."""
-    from sphtrunc.study.flows.flow import FLOWS
+    from sphtrunc.study.flows.results import FLOWS
 
     a = found.asked
     where = "given particles" if a.lattice == "given" else f"{a.lattice} lattice"

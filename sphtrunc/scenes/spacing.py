@@ -131,7 +131,7 @@ def _frame(s: Array) -> Array:
     dim = s.shape[2]
     first = s[:, 0] / np.maximum(np.sqrt((s[:, 0] ** 2).sum(axis=1)), 1e-300)[:, None]
     if dim == 1:
-        return first[:, None]
+        return np.expand_dims(first, 1)
     if dim == 2:
         return np.stack([first, np.stack([-first[:, 1], first[:, 0]], axis=1)], axis=1)
     along = np.einsum("tkd,td->tk", s, first)

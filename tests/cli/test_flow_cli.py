@@ -13,7 +13,7 @@ from sphtrunc.cli import flow as command
 from sphtrunc.cli import main
 from sphtrunc.operators.operator import OPERATORS
 from sphtrunc.study.flows.enclosure import WALLS
-from sphtrunc.study.flows.flow import FLOWS
+from sphtrunc.study.flows.results import FLOWS, Vortex
 
 C2 = ("--kernel", "wendland-c2")
 
@@ -112,6 +112,40 @@ def test_given_particles_between_walls(capsys: pytest.CaptureFixture[str], tmp_p
     assert "say where the walls are" in err
 
 
+def test_a_file_as_pysph_writes_it(tmp_path: Any) -> None:
+    """The vortex on the particles of an .npz of PySPH decays as on the lattice that they are."""
+    line = (np.arange(12) + 0.5) / 12
+    x, y = (a.ravel() for a in np.meshgrid(line, line, indexing="ij"))
+    arrays = {
+        "x": x,
+        "y": y,
+        "z": 0 * x,
+        "h": np.full(144, 1 / 8),
+        "m": np.full(144, 1 / 144),
+        "rho": np.ones(144),
+        "u": np.sin(x),
+        "v": 0 * x,
+        "w": 0 * x,
+        "p": 0 * x,
+    }
+    fluid = {
+        "arrays": arrays,
+        "properties": {name: {"name": name, "type": "double"} for name in arrays},
+        "constants": {},
+        "output_property_arrays": list(arrays),
+    }
+    np.savez(tmp_path / "tg_0.npz", version=2, particles={"fluid": fluid}, solver_data={"t": 0.0})
+    given = sphtrunc.snapshot(tmp_path / "tg_0.npz", period=1.0)
+    assert given.dim == 2
+    found, exact = (
+        sphtrunc.flow("taylor-green", "wendland-c2", **options)
+        for options in ({"scene": given}, {"across": 12})
+    )
+    assert isinstance(found, Vortex)
+    assert isinstance(exact, Vortex)
+    assert found.decay.rate == pytest.approx(exact.decay.rate, rel=1e-12)
+
+
 def test_the_duct_and_the_annulus(capsys: pytest.CaptureFixture[str]) -> None:
     """White (2006): the duct's velocity is 1 in the middle; errors fall."""
     sizes = [
@@ -177,6 +211,8 @@ def test_mistakes_end_in_one_line(
     assert err.count("\n") == 1
 
 
-def test_an_unknown_flow_is_refused() -> None:
+def test_an_unknown_flow_and_kernels_without_matrices_are_refused() -> None:
+    with pytest.raises(ValueError, match="kernel: gaussian has no compiled sums"):
+        sphtrunc.flow("couette", "gaussian")
     with pytest.raises(ValueError, match="flow: got 'jet', expected one of poiseuille"):
         sphtrunc.flow("jet", "wendland-c2")

@@ -268,6 +268,14 @@ def test_every_command_and_notebook_is_on_the_site():
     assert {*re.findall(r"^\.\./(\S+)$", listed, re.MULTILINE), "errata"} == notebooks
 
 
+def test_the_front_page_leads_to_error_command_and_explanation_in_one_click():
+    text = (ROOT / "notebooks" / "index.md").read_text("utf-8")
+    error, command, explanation = re.findall(r"^:link: (.*)$", text, re.MULTILINE)
+    assert error.startswith("explorer.html#kernel=cubic-spline&")
+    for page in (command, explanation):
+        assert (ROOT / "notebooks" / f"{page}.md").is_file()
+
+
 def test_what_contributing_names_is_there():
     text = (SITE / "contributing.md").read_text("utf-8")
     paths = re.findall(r"`((?:sphtrunc|tests|notebooks)/[\w./-]+|\.ci/run)`", text)

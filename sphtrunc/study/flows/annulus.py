@@ -35,7 +35,7 @@ INNER, OUTER = 1.0, 2.0
 def velocity(x: Array) -> Array:
     """The exact velocity at points (2, n), (2, n)."""
     r2 = (x * x).sum(axis=0)
-    return np.stack([-x[1], x[0]]) * ((4.0 / r2 - 1.0) / 3.0)
+    return np.asarray(np.stack([-x[1], x[0]]) * ((4.0 / r2 - 1.0) / 3.0))
 
 
 @cache

@@ -62,7 +62,7 @@ def _series(x: Array) -> Array:
         # cosh kt/cosh k/2 without its overflow
         ratio = np.exp(k * (t - 0.5)) * (1 + np.exp(-2 * k * t)) / (1 + np.exp(-k))
         total += 4.0 / k**3 * np.sin(k * x[0]) * (1.0 - ratio)
-    return total
+    return np.asarray(total)
 
 
 @cache

@@ -194,10 +194,10 @@ class _Square:
         steps = np.arange(side, dtype=np.int64)
         index = np.stack([a.ravel() for a in np.meshgrid(steps, steps, indexing="ij")])
         self.on_wall = np.any((index == 0) | (index == side - 1), axis=0)
-        x = index * self.spacing
+        x = np.asarray(index * self.spacing)
         if displacement is not None:
             x = x + np.where(self.on_wall, 0.0, displacement(index) * self.spacing)
-        self.x = x
+        self.x: Array = x
         self.count = x.shape[1]
         far = estimates.reach * float(kernel.support) * self.h
         if far >= 0.5:
@@ -205,7 +205,7 @@ class _Square:
                 f"dx_over_h: a row reaches {far:.3g} of the cavity, expected less than half;"
                 " expected more particles, or a smaller h"
             )
-        y, source, faces = reflections(x, np.ones(2), far)
+        y, source, faces = reflections(self.x, np.ones(2), far)
         even, rise = self._even(y, source, faces)
         odd = self._odd(source, faces)
         scene = particles(np.concatenate([x, y], axis=1).T, h=self.h, volume=self.spacing**2)

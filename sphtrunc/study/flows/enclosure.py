@@ -111,7 +111,7 @@ def planes(
     """
     known(wall)
     home = scene.lattice if isinstance(scene, Jittered) else scene
-    place = PLACES.get(str(at), at) if at is not None else PLACES[_usual(wall)]
+    place: Any = PLACES.get(str(at), at) if at is not None else PLACES[_usual(wall)]
     made = box(home, counts, walled=walled, at=place)
     few = [n for n, end in zip(counts, walled, strict=True) if end and n < FEWEST]
     if few:
@@ -128,6 +128,15 @@ def planes(
         moved = scene.displacement(m)
     if moved is not None:
         x = x + np.where(on_wall, 0.0, moved * float(home.dx_over_h))
+    ends = np.where(made.walled, made.sides, np.inf)
+    lost = np.count_nonzero(
+        np.any(np.array(made.walled)[:, None] & ((x < 0.0) | (x > ends[:, None])), axis=0)
+    )
+    if lost:
+        raise ValueError(
+            f"jitter: {lost} particles are displaced beyond a wall; expected σ/Δx up to 0.1, or"
+            " uniform displacements"
+        )
     cell = float(home.dx_over_h) ** home.dim
     volume = made.particles.given
     assert volume is not None
@@ -140,7 +149,6 @@ def planes(
     if wall != "none":  # images complete a particle on the wall
         volume = np.full(x.shape[1], cell)
     period = np.where(made.walled, np.inf, made.sides)
-    ends = np.where(made.walled, made.sides, np.inf)
     far = reach * float(kernel.support)
     ghosts = np.empty((home.dim, 0))
     if wall in ("dummy", "extrapolate"):

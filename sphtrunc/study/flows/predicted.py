@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.operators.operator import NESTED
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.sites import units
@@ -87,8 +88,8 @@ class Setting:
     def place(self) -> Fraction:
         """Steps from a wall to the first plane."""
         usual = "particle" if self.wall == "none" else "half-way"
-        chosen = usual if self.at is None else self.at
-        return Fraction(PLACES.get(str(chosen), chosen))  # type: ignore[arg-type]
+        chosen: Any = usual if self.at is None else self.at
+        return Fraction(PLACES.get(str(chosen), chosen))
 
     def enclosure(self, moved: Array | None = None) -> Enclosure:
         """Its particles."""
@@ -155,12 +156,18 @@ class Predicted:
 def truncation(setting: Setting, case: Case) -> dict[str, Array]:
     """τ, plane by plane, (N,): parts "smoothing", "discretisation" and "wall".
 
-    Raises ValueError where theory has no moments: for lines extrapolated beyond a wall, the nested
-    form with ghosts, and channels so narrow that a row sees both walls.
+    Raises ValueError where theory has no moments: for lines extrapolated beyond a wall, dummies
+    that lie where no image does, the nested form with ghosts, and channels so narrow that a row
+    sees both walls.
     """
     home, operator, kernel = setting.home, setting.operator, setting.kernel
     if setting.wall == "extrapolate":
         raise ValueError("there is no theory of moments beside an extrapolated wall")
+    if setting.wall == "dummy" and setting.place not in (0, Fraction(1, 2)):
+        raise ValueError(
+            "the dummies of a wall that is neither half-way nor at particles are no images of the"
+            " fluid, which the theory of their flow needs"
+        )
     if not case.derivatives:
         raise ValueError(f"there is no theory for the walls of {case.name}, beside one plane only")
     n, dim = setting.counts[0], home.dim
@@ -182,7 +189,7 @@ def truncation(setting: Setting, case: Case) -> dict[str, Array]:
         eta = min(left, right) * step
         field_ = case.taylor(float(left * step / width), h, dim)
         near = bulk
-        if eta < setting.reach * Fraction(int(kernel.support.p), int(kernel.support.q)):
+        if eta < setting.reach * fraction(kernel.support):
             if eta not in known:
                 known[eta] = _beside(setting, eta, degree)
             near = known[eta]

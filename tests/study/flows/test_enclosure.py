@@ -99,6 +99,10 @@ def test_what_is_missing_is_said() -> None:
             lambda: planes(SQUARE, C2, (8, 8), (True, False), "none", at="half-way"),
             "pure Neumann",
         ),
+        (
+            lambda: planes(jittered(SQUARE, "2/5"), C2, (8, 30), (True, False), "mirror"),
+            "particles are displaced beyond a wall",
+        ),
         (lambda: annulus(SQUARE, C2, 8, "none"), "no particles of a lattice are on a circle"),
         (lambda: annulus(SQUARE, C2, 4, "mirror"), "got 4 particles across the gap"),
         (lambda: annulus(lattice(2, dx_over_h="1/3"), C2, 5, "mirror"), "middle of the inner"),

@@ -10,7 +10,8 @@ import pytest
 
 from sphtrunc import Operator, kernel
 from sphtrunc.arithmetic.summation import UNIT
-from sphtrunc.study.flows.flow import Vortex, flow
+from sphtrunc.study.flows.flow import flow
+from sphtrunc.study.flows.results import Vortex
 from sphtrunc.study.flows.vortex import symbol
 
 FORMS = [
