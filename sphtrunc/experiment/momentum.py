@@ -273,11 +273,17 @@ def rate_parts(state: State, rate: Rate, rule: str, gradient: str = PLAIN) -> li
     """D of ρ̇ = D v."""
     parts: list[Part] = []
     for end, weight in (("a", rate.own), ("b", rate.other)):
-        found = _factors(weight, state.density)
-        if found is not None:
-            left, right = found[0], state.mass * found[1]
+        name = rate.name, end
+        if name not in state._products:
+            found = _factors(weight, state.density)
+            made: tuple[Array, ...] = ()
+            if found is not None:
+                made = found[0], -rate.mirror * found[0], state.mass * found[1]
+            state._products[name] = made
+        if state._products[name]:
+            left, back, right = state._products[name]
             parts += _ends(state, rule, gradient, end, left, right, True)
-            parts += _ends(state, rule, gradient, end, -rate.mirror * left, right, False)
+            parts += _ends(state, rule, gradient, end, back, right, False)
     return parts
 
 

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
 from sphtrunc.scenes import random_numbers as jitter
 from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _stencil, _whole
-from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, assemble
+from sphtrunc.scenes.neighbourhood import EDGE, Beside, Ghosts, assemble, wanted
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.sites import KINDS, units
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 
-#: s, (d, N, T), what is to be added to it and bounds of its errors, by axis, or no lists at all
-Offsets: TypeAlias = tuple[Array, list[Array], list[Array]]
+#: s, (d, N, T), and by axis what an arithmetic wants beside it, if it does
+Offsets: TypeAlias = tuple[Array, list[Array]]
 UNMOVED: Any = {"sigma": 0.0, "distribution": "gaussian"}
 
 
@@ -130,37 +131,34 @@ class Jittered(Arrangement):
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (d, N, T), N the largest number."""
         m = self._sites(kernel, reach)
-        base = _positions(self, m, Fraction(1), extended or errors)
+        base = _positions(self, m, Fraction(1), number.wide or number.bounded)
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
         own = self._own(origin)
-        offset, low, error = self._offsets(base, self._displacement(place), own, extended, errors)
+        fluid = self._offsets(base, self._displacement(place), own, number)
         volume = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
         if self.wall is not None and self.wall.ghosts != "none":
-            fluid = (offset, low, error)
-            return self._with_ghosts(fluid, volume, target, kernel, origin, extended, errors)
-        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+            return self._with_ghosts(fluid, volume, target, kernel, origin, number)
+        return assemble(number, self.volume, volume, *fluid, target, kernel, reach)
 
     def _offsets(
         self,
         base: tuple[Array, Array | None],
         displacement: Iterator[Array],
         own: list[Array],
-        extended: bool,
-        errors: bool,
+        number: Any,
     ) -> Offsets:
         """(base + u − u_a) Δx/h."""
         dx_over_h = dd_from_ratio(*self.dx_over_h.as_integer_ratio())
         rows, base_low = base
         offset = np.empty((self.dim, rows.shape[1], own[0].size))
-        low, error = [], []
+        beside = []
         for axis, u in enumerate(displacement):
             row, mine = rows[axis][:, None], own[axis]
             if base_low is not None:
@@ -170,13 +168,13 @@ class Jittered(Arrangement):
             u -= mine
             s = np.add(u, row, out=offset[axis])
             s *= dx_over_h[0]
-            if extended:
+            if number.wide:
                 offset[axis], rest = fine
-                low.append(rest)
-            elif errors:  # what the rounded formula is off by
+                beside.append(rest)
+            elif number.bounded:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
-                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
-        return offset, low, error
+                beside.append(gap * EDGE + 2.0**-84 * np.abs(s))
+        return offset, beside
 
     def _with_ghosts(
         self,
@@ -185,14 +183,13 @@ class Jittered(Arrangement):
         target: Indices,
         kernel: Kernel,
         origin: jitter.Bits,
-        extended: bool,
-        errors: bool,
+        number: Any,
     ) -> Neighbourhood:
         """The fluid and behind it the images of displaced particles, as the displaced target sees
         them, or dummies, which stay where the lattice would go on."""
         home, wall = self.lattice, self.wall
         assert wall is not None
-        wide, own = extended or errors, self._own(origin)
+        wide, own = number.wide or number.bounded, self._own(origin)
         mirrored = wall.ghosts in ("mirror", "odd")
         shift = 2 * wall.eta / home.dx_over_h if mirrored else Fraction(0)
         there = replace(home, offset=(home.offset[0] + shift, *home.offset[1:]), wall=None)
@@ -209,12 +206,12 @@ class Jittered(Arrangement):
             moved = self._displacement(place)
             moved = (-u if axis == 0 else u for axis, u in enumerate(moved))
             before = _positions(home, others, Fraction(1), wide)
-            originals = self._offsets(before, self._displacement(place), own, extended, errors)
+            originals = self._offsets(before, self._displacement(place), own, number)
         else:
             none = np.zeros((others.shape[1], target.size))
             moved = (none.copy() for _ in range(self.dim))
-        beyond = self._offsets((s, s_low), moved, own, extended, errors)
-        offset, low, error = _joined(fluid, beyond)
+        beyond = self._offsets((s, s_low), moved, own, number)
+        offset, beside = _joined(fluid, beyond)
         ratio = dd_from_ratio(*home.dx_over_h.as_integer_ratio())
         far = dd_from_ratio(*(-wall.eta).as_integer_ratio())
         step = dd_mul((-own[0], np.zeros_like(own[0])), (np.array(ratio[0]), np.array(ratio[1])))
@@ -224,21 +221,14 @@ class Jittered(Arrangement):
             wall=dd_add(step, (np.array(far[0]), np.array(far[1]))),
         )
         if mirrored:
-            image, below, off = _joined(fluid, originals)
-            ghosts = replace(
-                ghosts,
-                image=image[0],
-                image_low=below[0] if extended else None,
-                image_error=off[0] if errors else None,
-            )
+            image, more = _joined(fluid, originals)
+            ghosts = replace(ghosts, image=image[0], beside=more[0] if wide else None)
+        rest = wanted(number, np.full((1, 1), volume[1])) if wide else None
         return Neighbourhood(
             offset=offset,
             volume=np.full((1, 1), volume[0]),
             target=target,
-            offset_low=np.stack(low) if extended else None,
-            volume_low=np.full((1, 1), volume[1]) if extended else None,
-            offset_error=np.stack(error) if errors else None,
-            volume_error=np.full((1, 1), abs(volume[1]) * EDGE) if errors else None,
+            beside=None if rest is None else Beside(np.stack(beside), rest),
             ghosts=ghosts,
         )
 
@@ -260,12 +250,8 @@ class Jittered(Arrangement):
 
 def _joined(one: Offsets, other: Offsets) -> Offsets:
     """The rows of both, one after the other."""
-
-    def both(first: list[Array], second: list[Array]) -> list[Array]:
-        return [np.concatenate(pair) for pair in zip(first, second, strict=True)]
-
-    offset = np.concatenate([one[0], other[0]], axis=1)
-    return offset, both(one[1], other[1]), both(one[2], other[2])
+    beside = [np.concatenate(pair) for pair in zip(one[1], other[1], strict=True)]
+    return np.concatenate([one[0], other[0]], axis=1), beside
 
 
 def jittered(
