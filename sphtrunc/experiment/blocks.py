@@ -71,8 +71,7 @@ def evaluated(task: Task, target: Indices) -> Block:
 
 
 def _evaluate(task: Task, target: Indices, number: Any) -> Block:
-    extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
-    block = task.scene.neighbourhood(target, task.kernel, extended=extended, errors=errors)
+    block = task.scene.neighbourhood(target, task.kernel, number)
     s, volume, stretches = block.offsets(number), block.volumes(number), block.stretches(number)
     owns = [one.own(target, task.seed, i) for i, one in enumerate(task.fields)]
     if isinstance(task.scene, Lattice) and is_wave(task.fields):

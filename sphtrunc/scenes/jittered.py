@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
 from sphtrunc.scenes import random_numbers as jitter
@@ -128,20 +129,19 @@ class Jittered(Arrangement):
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (d, N, T), N the largest number."""
         m = self._sites(kernel, reach)
-        base, base_low = _positions(self, m, Fraction(1), extended or errors)
+        base, base_low = _positions(self, m, Fraction(1), number.wide or number.bounded)
         dx_over_h = dd_from_ratio(*self.dx_over_h.as_integer_ratio())
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
         own = self._own(origin)
         offset = np.empty((self.dim, *place.shape))
-        low, error = [], []
+        beside = []
         for axis, u in enumerate(self._displacement(place)):
             row, mine = base[axis][:, None], own[axis]
             if base_low is not None:
@@ -151,14 +151,14 @@ class Jittered(Arrangement):
             u -= mine
             s = np.add(u, row, out=offset[axis])
             s *= dx_over_h[0]
-            if extended:
+            if number.wide:
                 offset[axis], rest = fine
-                low.append(rest)
-            elif errors:  # what the rounded formula is off by
+                beside.append(rest)
+            elif number.bounded:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
-                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
+                beside.append(gap * EDGE + 2.0**-84 * np.abs(s))
         volume = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
-        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+        return assemble(number, self.volume, volume, offset, beside, target, kernel, reach)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""

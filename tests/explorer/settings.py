@@ -16,6 +16,7 @@ from sphtrunc.explorer.setting import Setting, numbers
 from sphtrunc.explorer.tables import tables
 from sphtrunc.kernels.conventions import BALL
 from sphtrunc.kernels.parse import kernel
+from sphtrunc.scenes.sites import KINDS
 
 TABLES = tables()
 #: of every family, with and without inner knots, rough and smooth, short and wide, and typed
@@ -43,14 +44,14 @@ def random_settings() -> list[Setting]:
     found = []
     while len(found) < COUNT:
         form = rng.choice(list(TABLES["forms"]))
-        lattice = rng.choice(list(TABLES["lattices"]))
-        if form == "paired" and lattice == "hcp":
+        dim = rng.choice([1, 2, 3])
+        lattice = rng.choice([kind for kind, data in KINDS.items() if data.dim == dim])
+        if form == "paired" and not TABLES["lattices"][lattice]["pairs"]:
             continue
-        dim = TABLES["lattices"][lattice]["dim"]
         correction = rng.choice(TABLES["forms"][form])
         name = rng.choice(KERNELS)
         # enough particles for the correction, few enough for a test
-        count = rng.uniform(*{1: (12, 40), 2: (40, 120), 3: (90, 160)}[dim])
+        count = rng.uniform(*{1: (12, 40), 2: (40, 120), 3: (80, 130)}[dim])
         ratio = float(kernel(name).support) * (float(BALL[dim]) / count) ** (1 / dim)
         jitter = 0.0 if form == "paired" else rng.choice([0.0, rng.uniform(0.01, 0.3)])
         found.append(

@@ -100,7 +100,6 @@ function change(changes) {
   }
   if (!TABLES.forms[setting.form].includes(setting.correction)) setting.correction = "none";
   if ("kernel" in changes || "dim" in changes) keepRatio();
-  history.replaceState(null, "", hashOf(setting));
   show();
 }
 
@@ -163,6 +162,7 @@ function show() {
     byId("problem").textContent = "";
     document.body.classList.remove("stale");
     pending = setTimeout(() => {
+      history.replaceState(null, "", hashOf(setting)); // rarely: browsers allow few a second
       drawCurves(known, numbers.error);
       byId("summary").textContent = summary(known, numbers);
       document.documentElement.dataset.state = "ready";
