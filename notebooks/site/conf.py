@@ -14,6 +14,7 @@ from importlib.metadata import files
 from pathlib import Path
 from typing import Any
 
+from myst_nb.core import render
 from pygments.lexers.special import TextLexer
 
 HERE = Path(__file__).parent
@@ -89,6 +90,25 @@ html_theme_options = {
     "pygments_light_style": "tango",
     "pygments_dark_style": "monokai",
 }
+
+
+merge_streams = render.coalesce_streams
+
+
+def whole_streams(outputs: list[Any]) -> list[Any]:
+    """What a cell printed, as one text. It comes in pieces that depend on the time it took, and
+    myst-nb breaks the line between two of them."""
+    whole: list[Any] = []
+    for output in outputs:
+        same = bool(whole) and "name" in output and output.get("name") == whole[-1].get("name")
+        if same and output["output_type"] == "stream":
+            whole[-1]["text"] += output["text"]
+        else:
+            whole.append(output)
+    return list(merge_streams(whole))
+
+
+render.coalesce_streams = whole_streams
 
 
 def write_explorer(app: Any) -> None:
