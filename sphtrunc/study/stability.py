@@ -392,7 +392,7 @@ class Pairing:
     most: float
 
 
-def pairing(rest: Rest, most: float = MOST_NEIGHBOURS) -> Pairing:
+def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pairing:
     """The pairing limit of a kernel on a lattice: neighbours are added until a longitudinal mode
     of the zone loses its restoring force.
 
@@ -401,6 +401,8 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS) -> Pairing:
     points of symmetry; between its points modes that are part longitudinal, part a shear may fail
     some percent earlier. Windows of neighbours that are narrower than a step, a 60th of a factor e,
     are found where a wave of the grid dips towards them.
+
+    divisions: of the grid, as for `brillouin.grid`
 
     Raises ValueError unless p > 0, and for forms whose modes have no stiffness to lose.
     """
@@ -416,7 +418,7 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS) -> Pairing:
         )
     least = NEIGHBOURS[rest.dim][0]
     reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
-    scan = rest.scan(grid(rest.kind), reach)
+    scan = rest.scan(grid(rest.kind, divisions), reach)
 
     def branch(count: float, waves: Scan = scan) -> tuple[Array, float]:
         """ω² of all waves, and what rounding did to it."""

@@ -27,7 +27,7 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.sites import in_pairs
 from sphtrunc.theory.disorder.averages import _Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours
-from sphtrunc.theory.disorder.sampling import displaced
+from sphtrunc.theory.disorder.sampling import ENOUGH, displaced
 from sphtrunc.theory.fields import Signals, Waves
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def predict_waves(
     distribution: str = "gaussian",
     volume: str = "constant",
     precision: str = "plain",
+    enough: float = ENOUGH,
 ) -> list[Split]:
     """The error for sinusoids along `direction` (default: the first axis), one Split for every h/λ.
 
@@ -79,7 +80,7 @@ def predict_waves(
     kappa = 2 * pi * np.asarray(h_over_lambda, dtype=np.float64)
     return predict_fields(
         kernel, operator, kind, dx_over_h, offset, Waves(kappa, along / np.linalg.norm(along)),
-        sigma=sigma, distribution=distribution, volume=volume, precision=precision,
+        sigma=sigma, distribution=distribution, volume=volume, precision=precision, enough=enough,
     )  # fmt: skip
 
 
@@ -95,6 +96,7 @@ def predict_fields(
     distribution: str = "gaussian",
     volume: str = "constant",
     precision: str = "plain",
+    enough: float = ENOUGH,
 ) -> list[Split]:
     """The error for each of K signals.
 
@@ -102,6 +104,7 @@ def predict_fields(
     sigma, distribution: of the displacements, σ/Δx along each axis
     volume: "constant", "cell" (1D) or "summation"
     precision: in which the sums are evaluated, as for `measure`
+    enough: relative, to which an rms over sampled displacements has to be known
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
@@ -149,6 +152,7 @@ def predict_fields(
                 still,
                 sigma,
                 distribution,
+                enough=enough,
             )
             mean = still + spread.shift
             variance = np.maximum(spread.second - spread.shift**2, 0.0)

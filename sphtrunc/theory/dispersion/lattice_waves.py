@@ -442,7 +442,8 @@ def _still(
     kernel: Kernel | Gaussian, kind: str, ratio: Fraction, volume: str, exact: bool, staggered: bool
 ) -> tuple[list[list[int]], LatticeWaves] | None:
     """The lattice without a wave in numbers of many digits, and its integer points; None where
-    exact ones are wanted and there are none. Of two neighbours at ±r one, where both are alike."""
+    exact ones are wanted and there are none. Digits are many: of two neighbours at ±r one, where
+    both are alike."""
     dim = KINDS[kind].dim
     ctx = real_context()
     number = _rational if exact else _digits(ctx).number
@@ -455,8 +456,9 @@ def _still(
     )
     m = [[int(c) for c in row] for row in shells.x.T]
     rule = KINDS[kind].turned
-    rows = range(len(m))
-    if rule is None:
+    paired = rule is None and not exact
+    rows = list(range(len(m)))
+    if paired:
         rows = [i for i in rows if next(c for c in m[i] if c) > 0]
     per_point = {}
     for k in (VALUE, SLOPE, CURVATURE):
@@ -468,7 +470,7 @@ def _still(
     m = [m[i] for i in rows]
     step = [number(u * ratio) for u in shells.step]
     s = np.array([[c * u for c, u in zip(row, step, strict=True)] for row in m], dtype=object)
-    count = 2 if rule is None else 1
+    count = 2 if paired else 1
     if isinstance(kernel, Kernel):
         home = number(fraction(kernel.central()))
     else:
