@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
+    from sphtrunc.experiment.adapted_lengths import adapted as adapted
     from sphtrunc.experiment.engine import pair_sums as pair_sums
     from sphtrunc.experiment.fields import field as field
     from sphtrunc.experiment.fields import polynomial as polynomial
@@ -29,9 +30,12 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.lattice import beside_wall as beside_wall
     from sphtrunc.scenes.lattice import lattice as lattice
     from sphtrunc.scenes.particles import particles as particles
+    from sphtrunc.scenes.smoothing_lengths import sloped as sloped
     from sphtrunc.scenes.snapshots.formats import snapshot as snapshot
     from sphtrunc.study.comparison import compare as compare
     from sphtrunc.study.comparison import predict_error as predict_error
+    from sphtrunc.study.conservation.conserving import conserve as conserve
+    from sphtrunc.study.flows.flow import flow as flow
     from sphtrunc.study.snapshots.error_map import error_map as error_map
     from sphtrunc.study.structure import structure_factor as structure_factor
     from sphtrunc.theory.derivation import Derivation as Derivation
@@ -45,12 +49,15 @@ _PUBLIC = {
     "Measurement": "experiment.measurement",
     "Moments": "operators.moments",
     "Operator": "operators.operator",
+    "adapted": "experiment.adapted_lengths",
     "beside_wall": "scenes.lattice",
     "box": "scenes.boxes",
     "compare": "study.comparison",
+    "conserve": "study.conservation.conserving",
     "derive": "theory.deriving",
     "error_map": "study.snapshots.error_map",
     "field": "experiment.fields",
+    "flow": "study.flows.flow",
     "graded": "scenes.graded",
     "jittered": "scenes.jittered",
     "kernel": "kernels.parse",
@@ -62,8 +69,9 @@ _PUBLIC = {
     "predict_error": "study.comparison",
     "remedies": "theory.walls.remedies",
     "sinusoid": "experiment.fields",
-    "structure_factor": "study.structure",
+    "sloped": "scenes.smoothing_lengths",
     "snapshot": "scenes.snapshots.formats",
+    "structure_factor": "study.structure",
     "weights": "experiment.matrices",
 }
 

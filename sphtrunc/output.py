@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from textwrap import wrap
+from typing import IO, Any
 
 
 def write_atomically(path: str | Path, text: str | bytes) -> None:
@@ -14,27 +16,45 @@ def write_atomically(path: str | Path, text: str | bytes) -> None:
 
     Raises ValueError, naming the file and the reason, where that is not possible.
     """
+    with replacing(path) as file:
+        file.write(text.encode() if isinstance(text, str) else text)
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+    """A file to write to, which takes the place of `path` once it is whole; for what is too large
+    for `write_atomically`. Raises ValueError as that does."""
     import tempfile
 
     target = Path(path)
     if not target.name:
         raise ValueError(f"output: got {str(path)!r}, expected the name of a file")
-    data = text.encode() if isinstance(text, str) else text
     temporary: str | None = None
     try:
         handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
+        with os.fdopen(handle, "w+b") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, target)
+        temporary = None
     except OSError as error:
+        raise ValueError(f"output {target}: {error.strerror or error}") from None
+    finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        raise ValueError(f"output {target}: {error.strerror or error}") from None
+
+
+def digest(settings: dict[str, Any]) -> str:
+    """A fingerprint of everything that a result depends on, 64 digits."""
+    import hashlib
+    import json
+
+    text = json.dumps(settings, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def wrapped(sentences: Iterable[str]) -> list[str]:

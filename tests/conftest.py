@@ -28,4 +28,5 @@ _STATE = hashlib.sha256(
         for path in sorted((_ROOT / folder).glob("*.py"))
     )
 ).hexdigest()[:12]
+os.environ["SPHTRUNC_CACHE"] = ""  # a glass of another state of the code is none of a test's
 os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(__file__).parent / "__pycache__" / _STATE))

@@ -24,6 +24,7 @@ OURS = [
     "06-second-derivatives",
     "07-tuning",
     "08-snapshots",
+    "09-flows",
     "10-walls",
     "11-stability",
     "12-conservation",

@@ -1,4 +1,4 @@
-"""README.md and the pages of the guide are true: their commands run and print what they show."""
+"""README.md, guide and site are true: their commands run and print what they show."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
 GUIDE = ROOT / "notebooks" / "guide"
 PAGES = [README, *sorted(GUIDE.glob("*.md"))]
+SITE = [
+    ROOT / "notebooks" / path
+    for path in ("index.md", "site/how-do-i.md", "site/truncation-error.md", "site/api/index.md")
+]
 TEXT = README.read_text(encoding="utf-8")
 
 FENCE = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
@@ -103,7 +107,9 @@ def test_links_lead_somewhere(page):
         assert target.startswith("https://") or (page.parent / target).exists(), target
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [*PAGES, *SITE], ids=lambda page: f"{page.parent.stem}/{page.stem}"
+)
 def test_a_page_is_true(page, tmp_path, monkeypatch, capsys):
     """Its files are written, its commands run and its Python executed, in the order of the page."""
     monkeypatch.chdir(tmp_path)
@@ -121,6 +127,7 @@ def test_a_page_is_true(page, tmp_path, monkeypatch, capsys):
         if kind == "python":
             exec(compile(inside, str(page), "exec"), {})
             capsys.readouterr()
+            ran += 1
         elif kind == "pycon":
             test = doctest.DocTestParser().get_doctest(inside, space, page.name, str(page), 0)
             failures: list[str] = []
@@ -130,7 +137,7 @@ def test_a_page_is_true(page, tmp_path, monkeypatch, capsys):
             assert not failures, "".join(failures)
             ran += 1
     assert ran
-    if page != README:
+    if page.parent == GUIDE:
         file, explained = keys(text)
         assert sorted(explained) == sorted(keys_of(tmp_path / file))
 

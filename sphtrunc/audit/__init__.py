@@ -4,7 +4,8 @@
 `reconstruction` say which kernel they are, `scaling` how they depend on h. What may be wrong is in
 `explanations` (with its `slips`), `shapes` and `slopes`, in the words of `faults`. `identification`
 knows whose constant a number is, `constants` reads one, `golden` writes reference values for other
-codes. `published.toml` lists published formulas.
+codes, and `codes` compares the kernels of all sums of one. `published.toml` lists published
+formulas.
 """
 
 from sphtrunc.audit.inspection import PUBLISHED, audit, audit_formula, audit_list, audit_table

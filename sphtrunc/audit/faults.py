@@ -28,6 +28,7 @@ SIGN = "wrong sign"
 WRONG_CONSTANT = "wrong constant"
 WRONG_DERIVATIVE = "wrong derivative"
 DISCONTINUOUS = "discontinuous"
+MIXED = "another kernel than the other sums"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from sympy import Rational
 
 from sphtrunc.audit.analytic import ANALYTIC
+from sphtrunc.audit.codes import across
 from sphtrunc.audit.constants import Constant, constant, number
 from sphtrunc.audit.judgement import judge, report_of
 from sphtrunc.audit.recognition import Match, exact_match, shortened
@@ -132,7 +133,8 @@ def audit_list(path: str | Path) -> list[Audit]:
     """Audit every kernel of a TOML list: [[kernel]] tables, with the arguments above.
 
     Each has `subject` (or `project`, `file`, `version`) and `dim` with either `formula` and
-    `constant` (a text, or one for each dimension), `python`, or `table`.
+    `constant` (a text, or one for each dimension), `python`, or `table`. Entries of one `project`
+    and `version` that say their `operator`, such as density or force, have to share a kernel.
 
     Raises ValueError, naming the entry, for anything it cannot read.
     """
@@ -149,22 +151,26 @@ def audit_list(path: str | Path) -> list[Audit]:
     reports = []
     for place, entry in enumerate(entries, start=1):
         try:
-            reports += _entry(entry, file.parent)
+            code = " ".join(str(entry[k]) for k in ("project", "version") if k in entry)
+            operator = str(entry.get("operator", ""))
+            if operator and not code:
+                raise ValueError("operator: of which code is not told; expected project")
+            reports += [(report, code, operator) for report in _entry(entry, file.parent)]
         except (ValueError, TypeError, KeyError) as error:
             raise ValueError(f"list {file}, kernel {place}: {error}") from None
-    return reports
+    return across(reports)
 
 
 def _entry(entry: Mapping[str, Any], folder: Path) -> list[Audit]:
     known = {
         "subject", "project", "file", "version", "dim", "formula", "constant", "derivative",
         "derivative_constant", "second_derivative", "second_constant", "support", "python",
-        "signature", "table", "note",
+        "signature", "table", "note", "operator",
     }  # fmt: skip
     unknown = sorted(set(entry) - known)
     if unknown:
         raise ValueError(f"unknown key {unknown[0]!r}, expected some of {', '.join(sorted(known))}")
-    places = [str(entry[k]) for k in ("project", "version", "file") if k in entry]
+    places = [str(entry[k]) for k in ("project", "version", "file", "operator") if k in entry]
     subject = str(entry.get("subject", " ".join(places))) or None
     dims = entry["dim"] if isinstance(entry["dim"], list) else [entry["dim"]]
     if "formula" in entry:

@@ -126,10 +126,11 @@ def rounding(kernel: Kernel, q: Array, shape: Array, slope: Array, expanded: boo
 
 
 @cache
-def profiles() -> tuple[tuple[Kernel, Array], ...]:
-    """Every shape of the catalogue once, with its values over the grid, 1 at the origin."""
+def profiles(dim: int = 1) -> tuple[tuple[Kernel, Array], ...]:
+    """Every shape of the catalogue once, with its values over the grid, 1 at the origin; of two
+    names for one, that of the dimension comes first."""
     result: dict[Kernel, Array] = {}
-    for name in catalogue.names():
+    for name in sorted(catalogue.names(), key=lambda name: name.endswith("-1d") == (dim > 1)):
         kernel = catalogue.named(name)
         if kernel not in result:
             result[kernel] = profile(kernel)
@@ -164,7 +165,7 @@ def _catalogued(
     low, high = samples.support
     middle = crossing(samples.q, samples.w / top)
     candidates = []
-    for kernel, w in profiles():
+    for kernel, w in profiles(dim):
         guesses = [high] if math.isfinite(high) else [low]
         half = crossing(GRID, w)
         if middle and half and (not math.isfinite(high) or unit == SINGLE):
@@ -468,7 +469,7 @@ def exact_match(kernel: Kernel, constant: Expr, error: float, dim: int) -> Match
     integral = constant / kernel.normalisation(dim)
     amplitude = float(number(constant))
     support = float(kernel.support)
-    for known, _ in profiles():
+    for known, _ in profiles(dim):
         if same_shape(known, kernel):
             one = known.support / kernel.support
             factor = _top(kernel) / _top(known)

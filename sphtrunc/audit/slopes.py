@@ -66,7 +66,7 @@ def explain_derivative(
             return Fault(kind, told + _besides(factor), _agreement(x))
     return (
         _other_function(match, x, has, extra, dim, order)
-        or _other_kernel(match, x, has, extra, order)
+        or _other_kernel(match, x, has, extra, dim, order)
         or _shifted(match, x, has, extra, dim, order)
         or _piece_by_piece(match, x, has, right, noise, extra, order)
         or _termwise(match, x, has, right, order)
@@ -193,9 +193,11 @@ def _other_function(
     return None
 
 
-def _other_kernel(match: Match, x: Array, has: Array, extra: Array, order: int) -> Fault | None:
+def _other_kernel(
+    match: Match, x: Array, has: Array, extra: Array, dim: int, order: int
+) -> Fault | None:
     right, _ = match.derivative(x, order)
-    for name, shape, scale in _other_slopes(match):
+    for name, shape, scale in _other_slopes(match, dim):
         other = Match(
             shape, True, match.support, match.support_error, 1.0, scale, 1, 0.0, match.unit
         )
@@ -211,8 +213,8 @@ def _other_kernel(match: Match, x: Array, has: Array, extra: Array, order: int) 
     return None
 
 
-def _other_slopes(match: Match) -> Iterator[tuple[str, Kernel | Analytic, float]]:
-    for kernel, _ in profiles():
+def _other_slopes(match: Match, dim: int) -> Iterator[tuple[str, Kernel | Analytic, float]]:
+    for kernel, _ in profiles(dim):
         if kernel != match.shape:
             yield kernel.name, kernel, float(kernel.support) / match.support
     for shape in ANALYTIC.values():

@@ -30,6 +30,9 @@ COMMANDS = {
     "export": "Golden values of a kernel for the tests of other codes.",
     "bench": "Run time against error, on this machine.",
     "stability": "Which waves grow on a lattice: pairing, tension, time steps.",
+    "flow": "From the truncation error to the error of a solution: viscous flows.",
+    "explore": "A page for the browser that computes the error of any setting.",
+    "info": "Versions, extras and cores, for a report of a bug.",
 }
 
 

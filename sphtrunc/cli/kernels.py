@@ -12,7 +12,8 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.output import emit
 from sphtrunc.version import __version__
 
-_HEAD = ("kernel", "support", "β", "smooth", "σ", "W(0)", "∫s²W", "smoothing h²")
+#: the columns of the table
+HEAD = ("kernel", "support", "β", "smooth", "σ", "W(0)", "∫s²W", "smoothing h²")
 
 
 @click.command(name="kernels")
@@ -37,10 +38,11 @@ def command(dim: int, pairing: bool, format_: str, output: str | None) -> None:
     emit(render[format_](catalogue, dim, pairing), output)
 
 
-def _row(kernel: Kernel, dim: int, pairing: bool) -> dict[str, object]:
+def row(kernel: Kernel, dim: int, pairing: bool = False) -> dict[str, object]:
+    """What the table says of a kernel: its name, then a value for every other entry of HEAD."""
     sigma = kernel.normalisation(dim)
     second = kernel.moment(2, dim)
-    row = {
+    values = {
         "name": kernel.name,
         "support": kernel.support,
         "boundary_smoothness": kernel.boundary_smoothness,
@@ -53,20 +55,20 @@ def _row(kernel: Kernel, dim: int, pairing: bool) -> dict[str, object]:
     if pairing:
         from sphtrunc.study.pairing import pairing_limit
 
-        row["pairing"] = pairing_limit(kernel, dim)
-    return row
+        values["pairing"] = pairing_limit(kernel, dim)
+    return values
 
 
 def _text(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
-    rows = [(*_HEAD, "pairs from") if pairing else _HEAD]
+    rows = [(*HEAD, "pairs from") if pairing else HEAD]
     for kernel in catalogue:
-        name, *values = _row(kernel, dim, pairing).values()
-        rows.append((str(name), *(_short(v) for v in values)))  # type: ignore[arg-type]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        name, *values = row(kernel, dim, pairing).values()
+        rows.append((str(name), *(short(v) for v in values)))  # type: ignore[arg-type]
+    widths = [max(len(cells[i]) for cells in rows) for i in range(len(rows[0]))]
     lines = [
-        f"{row[0]:<{widths[0]}}  "
-        + "  ".join(f"{c:>{w}}" for c, w in zip(row[1:], widths[1:], strict=True))
-        for row in rows
+        f"{cells[0]:<{widths[0]}}  "
+        + "  ".join(f"{c:>{w}}" for c, w in zip(cells[1:], widths[1:], strict=True))
+        for cells in rows
     ]
     return "\n".join(
         [
@@ -85,7 +87,7 @@ def _latex(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
     )
     lines = []
     for kernel in catalogue:
-        name, *values = _row(kernel, dim, pairing).values()
+        name, *values = row(kernel, dim, pairing).values()
         shown = ["--" if v is None else f"${latex(v)}$" for v in values]
         lines.append(" & ".join([str(name), *shown]) + r" \\")
     more = " & pairs from" if pairing else ""
@@ -99,7 +101,7 @@ def _json(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
         {
             **{
                 k: v if v is None or isinstance(v, int | float | str) else str(v)
-                for k, v in _row(kernel, dim, pairing).items()
+                for k, v in row(kernel, dim, pairing).items()
             },
             "source": kernel.source,
         }
@@ -112,7 +114,8 @@ def _json(catalogue: list[Kernel], dim: int, pairing: bool) -> str:
     )
 
 
-def _short(value: object) -> str:
+def short(value: object) -> str:
+    """An exact value in at most 14 characters, else its first nine digits."""
     if value is None or isinstance(value, float):
         return "none" if value is None else f"{value:.4f}"
     text = str(value).replace("*", "·").replace("pi", "π")

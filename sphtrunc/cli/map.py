@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import ExitStack
 from typing import Any
 
 import click
 
-from sphtrunc.cli import options
+from sphtrunc.cli import options, running
 from sphtrunc.output import emit
 
 
@@ -37,6 +39,16 @@ from sphtrunc.output import emit
 @click.option("--targets", type=int, metavar="N", help="So many, drawn at random.  [default: all]")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the targets drawn.")
 @click.option("--workers", type=int, help="Threads; results do not depend on it.")
+@click.option(
+    "--memory",
+    metavar="SIZE",
+    help="Take slabs whose sums fit into this, such as 512MB, one after the other into the output;"
+    " stopped, the same command continues.  [default: all at once]",
+)
+@click.option(
+    "--processes", type=click.IntRange(1, 1024), help="Slabs side by side in so many processes."
+)
+@click.option("--dask", metavar="HOST:PORT", help="Workers of this Dask scheduler instead.")
 @options.dim_of_file
 @options.snapshot
 @click.option("--allow-duplicates", is_flag=True, help="Take particles that coincide.")
@@ -55,6 +67,7 @@ def command(**given: Any) -> None:
     sphtrunc map snapshot_010.hdf5 -o map.vtp --picture map.png
     sphtrunc map particles.csv --kernel wendland-c2 --estimate gradient/difference/csph \\
                  --field pressure -o map.npz
+    sphtrunc map large.hdf5 --memory 2GB --processes 4 -o map.hdf5
     """
     from sphtrunc.scenes.snapshots.formats import read
     from sphtrunc.study.snapshots.error_map import DEFAULT, error_map
@@ -75,25 +88,64 @@ def command(**given: Any) -> None:
         rows = [values] if values.ndim == 1 else list(values)
         for row, axis in zip(rows, found.axes if len(rows) > 1 else ("",), strict=False):
             fields[f"{name}.{axis}" if axis else name] = row
-    result = error_map(
-        scene,
-        kernel,
-        [_operator(text) for text in given["estimates"]] or DEFAULT,
-        degree=given["degree"],
-        fields=fields,
-        targets=given["targets"],
-        seed=given["seed"],
-        workers=given["workers"],
-    )
-    if given["output"] is not None:
-        from sphtrunc.study.snapshots.map_files import write
+    options_: dict[str, Any] = {
+        "degree": given["degree"],
+        "fields": fields,
+        "targets": given["targets"],
+        "seed": given["seed"],
+        "workers": given["workers"],
+    }
+    estimates = [_operator(text) for text in given["estimates"]] or DEFAULT
+    with ExitStack() as stack:
+        if any(given[name] is not None for name in ("memory", "processes", "dask")):
+            result = _in_slabs(given, scene, kernel, estimates, options_, stack)
+        else:
+            result = error_map(scene, kernel, estimates, **options_)
+            if given["output"] is not None:
+                from sphtrunc.study.snapshots.map_files import write
 
-        write(result, given["output"])
-    if given["picture"] is not None:
-        from sphtrunc.figures.maps import draw
+                write(result, given["output"])
+        if given["picture"] is not None:
+            from sphtrunc.figures.maps import draw
 
-        draw(result, given["picture"])
-    emit(result.to_json() if given["format_"] == "json" else result.to_text(), None)
+            draw(result, given["picture"])
+        emit(result.to_json() if given["format_"] == "json" else result.to_text(), None)
+
+
+def _in_slabs(
+    given: dict[str, Any],
+    scene: Any,
+    kernel: Any,
+    estimates: Any,
+    options_: dict[str, Any],
+    stack: ExitStack,
+) -> Any:
+    """The map, slab by slab into the output."""
+    from sphtrunc.study.snapshots.slabs import MEMORY, map_in_slabs
+
+    output, address = given["output"], given["dask"]
+    if output is None:
+        raise ValueError("memory: slabs go into a file; expected -o FILE")
+    if given["processes"] is not None and given["workers"] is None:
+        options_["workers"] = 1
+    try:
+        return stack.enter_context(
+            map_in_slabs(
+                scene,
+                kernel,
+                estimates,
+                output=output,
+                memory=MEMORY if given["memory"] is None else running.memory(given["memory"]),
+                processes=given["processes"] or 1,
+                executor=None if address is None else running.dask(address, stack),
+                progress=running.bar(stack, "slabs"),
+                **options_,
+            )
+        )
+    except KeyboardInterrupt:
+        kept = f"{output}.journal and .slabs keep what is done, repeat to go on"
+        click.echo(f"interrupted; {kept}", err=True)
+        sys.exit(130)
 
 
 def _kernel(given: dict[str, Any], found: Any) -> tuple[Any, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from sphtrunc.cli import options
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.output import emit
 
 
@@ -40,10 +41,10 @@ from sphtrunc.output import emit
 @click.option("--h-gradient", metavar="G", help="dh/dx, one number or gx,gy,gz: h(x) = h + G·x.")
 @click.option(
     "--h-rule",
-    type=click.Choice(("gather", "scatter", "mean")),
+    type=click.Choice(RULES),
     help="Whose h a pair takes.  [default: scatter with --h-gradient, gather of a file]",
 )
-@options.wall_number
+@options.wall
 @options.wall_at
 @options.wall_weight
 @options.ghosts
@@ -175,6 +176,8 @@ def _scene(given: dict[str, Any]) -> Any:
         extent=given["extent"],
     )
     if given["wall"] is not None:
+        if given["wall"] == "eta":
+            raise ValueError("wall: particles are somewhere; expected --wall with a distance in h")
         from sphtrunc.scenes.lattice import beside_wall
 
         made = beside_wall(
@@ -253,7 +256,7 @@ def _relaxed(given: dict[str, Any]) -> Any:
 
     import numpy as np
 
-    from sphtrunc.experiment.relaxation import glass
+    from sphtrunc.experiment.glasses import glass
     from sphtrunc.scenes.relaxed import recipe
 
     for name in ("period", "columns", "kind", "h_rule"):

@@ -56,13 +56,8 @@ wall: Decorator = click.option(
     metavar="[ETA]",
     is_flag=False,
     flag_value="eta",
-    help="A plane wall or free surface, at this distance from the target in h; without a number:"
-    " as functions of the distance.",
-)
-wall_number: Decorator = click.option(
-    "--wall",
-    metavar="ETA",
-    help="A plane wall or free surface, at this distance from the target in h.",
+    help="A plane wall or free surface, at this distance from the target in h; to derive it as"
+    " functions of the distance, without a number.",
 )
 wall_at: Decorator = click.option(
     "--wall-at",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import json
 import sys
 from typing import Any
 
 import click
 
-from sphtrunc.output import emit, write_atomically
+from sphtrunc.output import emit
 from sphtrunc.version import __version__
 
 
@@ -50,7 +49,8 @@ from sphtrunc.version import __version__
     "-o",
     "--output",
     metavar="FILE",
-    help="The particles, lengths in Δx: .npz or .csv; or .json: how regular they are.",
+    help="The particles, lengths in Δx: .npz, .csv, .vtp, .hdf5 (as Gadget has it); or .json: how"
+    " regular they are.",
 )
 @click.option("--format", "format_", type=click.Choice(("text", "json")), default="text")
 def command(**given: Any) -> int:
@@ -58,16 +58,19 @@ def command(**given: Any) -> int:
 
     \b
     sphtrunc relax --number 4096 --dim 2 -o glass.npz
-    sphtrunc relax -n 4096 --dim 3 -k wendland-c2 --h-over-dx 1.5 --seed 1 -o glass.csv
+    sphtrunc relax -n 4096 --dim 3 -k wendland-c2 --h-over-dx 1.5 --seed 1 -o glass.hdf5
     sphtrunc structure glass.npz --period 64
     """
     from sphtrunc.arithmetic.rational import exact
-    from sphtrunc.experiment.relaxation import regularity, relax
+    from sphtrunc.experiment.glasses import glass
+    from sphtrunc.experiment.relaxation import regularity
+    from sphtrunc.scenes.particle_files import check, write
     from sphtrunc.scenes.relaxed import Recipe
 
     h, output = given["h_over_dx"], given["output"]
-    if output is not None and output.rpartition(".")[2].lower() not in ("npz", "csv", "json"):
-        raise ValueError(f"output: got {output!r}, expected a file ending in .npz, .csv or .json")
+    summary = output is not None and output.lower().endswith(".json")
+    if output is not None and not summary:
+        check(output)
     recipe = Recipe(
         count=given["count"],
         dim=given["dim"],
@@ -79,7 +82,7 @@ def command(**given: Any) -> int:
         steps=given["steps"],
         contrast=given["contrast"],
     )
-    made = relax(recipe, workers=given["workers"], progress=_progress())
+    made = glass(recipe, workers=given["workers"], progress=_progress())
     document = {
         "schema": "sphtrunc.relax/1",
         "recipe": str(recipe),
@@ -91,10 +94,10 @@ def command(**given: Any) -> int:
         "version": __version__,
     }
     report = json.dumps(document, indent=1)
-    if output is not None and output.lower().endswith(".json"):
+    if summary:
         emit(report, output)
     elif output is not None:
-        write_atomically(output, _file(made.particles, output))
+        write(made.particles, output)
     emit(report if given["format_"] == "json" else _text(document), None)
     return 0
 
@@ -108,24 +111,9 @@ def _text(found: dict[str, Any]) -> str:
             f"  rms of |h∇ΣVW|     {found['gradient']:.3e}",
             f"  ΣVW                {found['density']:.6f} ± {found['density_std']:.1e}",
             f"  nearest neighbour  {found['nearest']:.4f} ± {found['nearest_std']:.4f} Δx",
+            f"  disorder λ         {found['disorder']:.4f}",
         ]
     )
-
-
-def _file(scene: Any, name: str) -> bytes:
-    """Positions (n, d), h and volumes, as `measure --particles` reads them."""
-    import numpy as np
-
-    x, volume = scene.x.T, scene.given
-    if name.lower().endswith(".npz"):
-        data = io.BytesIO()
-        np.savez(data, x=x, h=scene.h, volume=volume)
-        return data.getvalue()
-    names = ("x", "y", "z")[: scene.dim]
-    lines = [",".join([*names, "h", "volume"])]
-    table = np.column_stack([x, scene.h, volume])
-    lines += [",".join(repr(float(value)) for value in row) for row in table]
-    return ("\n".join(lines) + "\n").encode()
 
 
 def _progress() -> Any:

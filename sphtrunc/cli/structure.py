@@ -23,6 +23,11 @@ from sphtrunc.version import __version__
     "--reach", type=float, metavar="K", help="Up to kΔx = K.  [default: 40, 16, 10 in 1D, 2D, 3D]"
 )
 @click.option("--bins", type=click.IntRange(4, 1000), default=40, show_default=True, help="Shells.")
+@click.option(
+    "--local",
+    metavar="N",
+    help="S in sub-boxes too, N along each axis or N,M,…, where the density varies slowly.",
+)
 @options.formats("text", "json", "csv")
 @options.output
 def command(particles: str, **given: Any) -> None:
@@ -34,13 +39,67 @@ def command(particles: str, **given: Any) -> None:
     sphtrunc structure glass.npz --period 1
     sphtrunc structure glass.npz --period 1,1,2 --format json -o structure.json
     """
-    from sphtrunc.study.structure import structure_factor
+    from sphtrunc.study.structure import local_structure, structure_factor
 
+    if given["local"] is not None and given["format_"] == "csv":
+        raise ValueError("local: a table has one S(k); expected --format text or json")
     home = scene(particles, given["period"], given["columns"], given["kind"])
     factor = structure_factor(home, reach=given["reach"])
     k, S, error = factor.radial(given["bins"])
     render = {"text": _text, "json": _json, "csv": _csv}[given["format_"]]
-    emit(render(factor, k, S, error), given["output"])
+    text = render(factor, k, S, error)
+    if given["local"] is not None:
+        places = local_structure(home, _parts(given["local"], home.dim), reach=given["reach"])
+        text = _with_places(text, places, given["bins"], given["format_"])
+    emit(text, given["output"])
+
+
+def _parts(text: str, dim: int) -> list[int]:
+    """How many sub-boxes along each axis."""
+    counts = text.split(",")
+    if len(counts) not in (1, dim) or not all(
+        c.isascii() and c.isdigit() and 0 < int(c) < 10_000 for c in counts
+    ):
+        raise ValueError(f"local: got {text[:40]!r}, expected a whole number, or {dim} of them")
+    return [int(c) for c in counts] * (dim if len(counts) == 1 else 1)
+
+
+def _with_places(text: str, places: Any, bins: int, form: str) -> str:
+    """The report with what is found in each sub-box."""
+    if form == "json":
+        document = json.loads(text)
+        document["local"] = [_place(one, bins) for one in places]
+        return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    lines = ["In sub-boxes, each in its own Δx: particles, Δx, mean of S at long waves, exponent"]
+    for one in places:
+        fit = one.factor.fit()
+        where = ", ".join(f"{x:.4g}" for x in one.low)
+        exponent = (
+            "  –" if fit.exponent is None else f"{fit.exponent:.2f} ± {fit.exponent_error:.2f}"
+        )
+        lines.append(
+            f"  from ({where}): {one.factor.particles:>7} {one.spacing:>9.4f}"
+            f" {fit.plateau:>11.3e}  {exponent}"
+        )
+    return "\n".join([text, *lines])
+
+
+def _place(one: Any, bins: int) -> dict[str, Any]:
+    fit = one.factor.fit()
+    k, S, error = one.factor.radial(bins)
+    return {
+        "low": one.low.tolist(),
+        "size": one.size.tolist(),
+        "particles": one.factor.particles,
+        "dx": one.spacing,
+        "k_dx": k.tolist(),
+        "S": S.tolist(),
+        "error": error.tolist(),
+        "exponent": fit.exponent,
+        "exponent_error": fit.exponent_error,
+        "plateau": fit.plateau,
+        "plateau_error": fit.plateau_error,
+    }
 
 
 def scene(
@@ -50,7 +109,7 @@ def scene(
     from sphtrunc.scenes.relaxed import PREFIX
 
     if source.startswith(PREFIX):
-        from sphtrunc.experiment.relaxation import glass
+        from sphtrunc.experiment.glasses import glass
         from sphtrunc.scenes.relaxed import recipe
 
         for name, value in (("period", period), ("columns", columns), ("type", kind)):

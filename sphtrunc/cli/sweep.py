@@ -9,18 +9,24 @@ from typing import Any
 
 import click
 
+from sphtrunc.cli import running
 from sphtrunc.output import emit
 from sphtrunc.study.sweep import AXES, NUMERIC, Study, sweep, to_csv, values
 
 _HELP = {
     "kernel": "A name, formula or file, as for derive; repeat it for several.",
     "dim": "Dimension.",
+    "particles": "relaxed:glass,N=1024 or another recipe, for a lattice; repeat it for several.",
     "lattice": "uniform; square, hexagonal; cubic, bcc, fcc, hcp.",
     "dx-over-h": "Particle spacing over smoothing length.",
     "offset": "Position of the lattice relative to the target, in Δx; 'x y z' in space.",
     "jitter": "Random displacement σ/Δx.",
     "distribution": "gaussian, uniform or blue.",
     "volume": "constant, cell or summation.",
+    "wall": "A plane wall or free surface, at these distances from the target in h.",
+    "wall-at": "Where the lattice has it: particle, half-way, P/Q steps before the first plane.",
+    "wall-weight": "What part of a particle on the wall counts.",
+    "ghosts": "Beyond the wall: none, mirror, odd or dummy.",
     "operator": "name, name/form or name/form/correction, as gradient/difference/csph.",
     "form": "standard, difference, symmetric, paired, direct, brookshaw, fatehi-manzari, nested.",
     "correction": "none, shepard, csph, csph-shepard, rkpm-1 to rkpm-3.",
@@ -28,12 +34,15 @@ _HELP = {
 }
 
 
+_WHOLE = ("kernel", "particles")  # whose values hold commas
+
+
 def _axes(function: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(AXES):
         decorate = click.option(
             f"--{name}",
             multiple=True,
-            metavar="SPEC" if name == "kernel" else "LIST",
+            metavar="SPEC" if name in _WHOLE else "LIST",
             help=f"{_HELP[name]}  [default: {AXES[name] or 'that of measure'}]",
         )
         function = decorate(function)
@@ -66,6 +75,7 @@ def command(
 
     \b
     sphtrunc sweep --h-over-lambda 1e-3:0.3:9log --dx-over-h 0.2,4/11 --jitter 0,0.05 -o table.csv
+    sphtrunc sweep --wall 0:2:9 --wall-at half-way --ghosts none,mirror -o profile.csv
     sphtrunc sweep --kernel cubic-spline --kernel wendland-c2 --dim 3 --dx-over-h 0.7 \\
                    --operator gradient/standard,gradient/difference/csph --workers 2 -o table.csv
     """
@@ -81,9 +91,15 @@ def command(
         predict=not no_predict,
     )
     with ExitStack() as stack:
-        executor = None if dask is None else stack.enter_context(_dask(dask, stack))
+        executor = None if dask is None else stack.enter_context(running.dask(dask, stack))
         try:
-            rows = sweep(study, output, executor=executor, workers=workers, progress=_bar(stack))
+            rows = sweep(
+                study,
+                output,
+                executor=executor,
+                workers=workers,
+                progress=running.bar(stack, "scenes"),
+            )
         except KeyboardInterrupt:
             kept = (
                 "" if output is None else f"; {output}.journal keeps what is done, repeat to go on"
@@ -95,40 +111,10 @@ def command(
 
 
 def _values(name: str, given: tuple[str, ...]) -> tuple[str, ...]:
-    """All values of an axis; a kernel may hold commas, so each is one value."""
-    if name == "kernel":
+    """All values of an axis; what may hold commas is one value each."""
+    if name in _WHOLE:
         return given
     try:
         return tuple(v for text in given for v in values(text, name in NUMERIC))
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-
-
-def _dask(address: str, stack: ExitStack) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ValueError("dask: distributed is not installed; pip install distributed") from None
-    try:
-        connect: Any = Client  # untyped
-        client = stack.enter_context(connect(address, timeout=10))
-    except OSError as error:
-        raise ValueError(f"dask: no scheduler at {address}: {error}") from None
-    return client.get_executor(retries=3)
-
-
-def _bar(stack: ExitStack) -> Callable[[int, int], None] | None:
-    """A progress bar with the time left, on a terminal only."""
-    if not sys.stderr.isatty():
-        return None
-    bar: Any = None
-
-    def update(done: int, expected: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = stack.enter_context(
-                click.progressbar(length=expected, label="scenes", file=sys.stderr)
-            )
-        bar.update(done - bar.pos)
-
-    return update

@@ -48,6 +48,11 @@ PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 )
 @click.option("--box", type=float, default=1.0, help="Side of the box, in λ.  [default: 1]")
 @click.option(
+    "--wall",
+    is_flag=True,
+    help="Also how far from a wall its error reaches, and its share between walls a box apart.",
+)
+@click.option(
     "--now",
     metavar="NAME=X",
     help="The present setting, in any convention of convert: hdx=1.2, neighbours=57, eta=1.23 …",
@@ -66,7 +71,7 @@ def command(**given: Any) -> None:
     sphtrunc tune --kernel cubic-spline --kernel wendland-c4 --dim 2 --jitter 0.05 --error 0.01 \\
                   --form difference --correction csph
     sphtrunc tune --kernel cubic-spline --dim 3 --jitter 0.1 --particles-per-wavelength 20 \\
-                  --now hdx=1.2
+                  --now hdx=1.2 --wall --box 10
     sphtrunc tune --kernel cubic-spline --jitter 0.05 --table runs.csv --wavelength 0.1
     """
     document = _document(given)
@@ -79,6 +84,7 @@ def command(**given: Any) -> None:
 def _document(given: dict[str, Any]) -> dict[str, Any]:
     from sphtrunc.kernels.parse import kernel as parse_kernel
     from sphtrunc.operators.operator import Operator
+    from sphtrunc.study.boundary_layer import boundary_layer
     from sphtrunc.study.plateaus import advice
     from sphtrunc.study.tuning import (
         MOST_NEIGHBOURS,
@@ -125,6 +131,8 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     if given["table"] is not None:
         if len(kernels) > 1 or given["now"] is not None:
             raise click.UsageError("--table explains runs of one kernel, without --now")
+        if given["wall"]:
+            raise click.UsageError("--table explains runs, which have no --wall")
         return {**document, "kernel": kernels[0].name, **_runs(given, problem, kernels[0])}
     (aim,) = wanted
     box, value = given["box"], given[aim]
@@ -148,6 +156,9 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     document["most_neighbours"] = MOST_NEIGHBOURS[dim]
     document["pairs_per_second"] = given["pairs_per_second"]
     document["seconds"] = best.cost * box**dim / given["pairs_per_second"]
+    if given["wall"]:
+        layer = boundary_layer(problem, first, best, box)
+        document["wall"] = {"kernel": first.name, "at": "half-way", **layer.to_dict()}
     if given["now"] is not None:
         ratio = _present(given["now"], first, dim)
         now = setting(problem, first, ratio, 1 / (best.particles * ratio))
@@ -314,6 +325,8 @@ def _text(document: dict[str, Any]) -> str:
             f"At long waves its {waves}: with more neighbours for the same particles the noise"
             f" falls only as {power_text('(Δx/h)', (dim + alpha) / 2)}."
         )
+    if "wall" in document:
+        found += _layer(document["wall"], document["recommended"])
     lines += [*wrapped(found), "", _HEAD, *(_line(row) for row in document["recommended"])]
     if "now" in document:
         now, loss = document["now"], document["loss"]
@@ -336,6 +349,33 @@ def _text(document: dict[str, Any]) -> str:
             ]
         )
     return "\n".join(lines)
+
+
+def _layer(wall: dict[str, Any], rows: list[dict[str, Any]]) -> list[str]:
+    """What a wall does to the error of the setting of its kernel."""
+    (own,) = (row for row in rows if row["kernel"] == wall["kernel"])
+    x, inside = own["h_over_lambda"], wall["inside"]["total"]
+    first = wall["errors"][0]["total"]
+    if not wall["reach"]:
+        return ["A wall, with nothing beyond it, changes the error by less than a tenth."]
+    particles, share, rms = (_share(wall[name]) for name in ("particles", "error", "rms"))
+    text = (
+        f"Beside a wall, with nothing beyond it, the error of {wall['kernel']} is another up to"
+        f" {wall['reach']:.3g} h = {wall['reach'] * x:.3g} λ: {_share(first)} at the first"
+        f" particle, {first / inside:.3g} times that inside. Between two walls"
+        f" {wall['domain']:g} λ apart the layers hold {particles} of the particles and {share} of"
+        f" the mean square error, which is {rms} rms."
+    )
+    order, order_inside = wall["order"], wall["order_inside"]
+    if order < order_inside:
+        grows = 1 + 2 * (order - order_inside)
+        how = "falls" if grows > 0 else "grows"
+        text += (
+            f" On the wall its smoothing error goes as h^{order}, inside as h^{order_inside}: of"
+            f" that the share {how} as h^{grows} until the layers have all of it."
+            " What remedies leave: sphtrunc wall."
+        )
+    return [text]
 
 
 def _kind(document: dict[str, Any]) -> str:

@@ -53,7 +53,7 @@ class Adapted:
 def adapted(
     x: object,
     mass: object,
-    kernel: Kernel,
+    kernel: Kernel | str,
     *,
     eta: float = 1.2,
     period: object = None,
@@ -67,8 +67,17 @@ def adapted(
     Price & Monaghan 2007, doi:10.1111/j.1365-2966.2006.11241.x). A step is at most a factor two.
 
     x: (n, d) or (n,); mass: (n,) or one number; tolerance: of h, relative
+    kernel: a Kernel, or any text that `sphtrunc.kernel` takes
+
+    >>> found = adapted([0, 1, 2, 3, 4, 5, 6, 7], 1, "cubic-spline", eta=1.2, period=8)
+    >>> round(float(found.h[0] * found.density[0]), 9)
+    1.2
+
     Raises ValueError where it does not settle.
     """
+    from sphtrunc.kernels.parse import kernel as parse_kernel
+
+    kernel = parse_kernel(kernel)
     start = particles(x, h=1.0, mass=mass, period=period)
     dim, masses = start.dim, start.mass
     places = start.x.T

@@ -6,9 +6,11 @@ order or on the number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,9 +29,32 @@ from sphtrunc.experiment.task import Task, is_wave
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.lattice import Lattice
-from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood
+from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.smoothing_lengths import Sloped
+
+Chunk = TypeVar("Chunk")
+Done = TypeVar("Done")
+
+
+def in_order(
+    work: Callable[[Chunk], Done], chunks: Sequence[Chunk], threads: int
+) -> Iterator[Done]:
+    """work(chunk) of every chunk, in their order; where one thread is enough none is started."""
+    if threads == 1 or len(chunks) == 1:
+        yield from map(work, chunks)
+        return
+    waiting: deque[Future[Done]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for chunk in chunks:
+            waiting.append(pool.submit(work, chunk))
+            if len(waiting) > 2 * threads:  # so that memory does not grow with their number
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def evaluated(task: Task, target: Indices) -> Block:
@@ -43,13 +68,12 @@ def evaluated(task: Task, target: Indices) -> Block:
 
 
 def _evaluate(task: Task, target: Indices, number: Any) -> Block:
-    extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
-    block = task.scene.neighbourhood(target, task.kernel, extended=extended, errors=errors)
-    s, volume, stretch = block.offsets(number), block.volumes(number), block.stretches(number)
+    block = task.scene.neighbourhood(target, task.kernel, number)
+    s, volume, stretches = block.offsets(number), block.volumes(number), block.stretches(number)
     owns = [one.own(target, task.seed, i) for i, one in enumerate(task.fields)]
     if isinstance(task.scene, Lattice) and is_wave(task.fields):
         owns = [(np.array([0.0, 1.0]), np.array([1.0, 0.0]))] * len(task.fields)
-    return _sum(task, number, block, s, volume, stretch, owns, target)
+    return _sum(task, number, block, s, volume, stretches, owns, target)
 
 
 def _sum(
@@ -58,7 +82,7 @@ def _sum(
     block: Neighbourhood,
     s: list[Any],
     volume: Any,
-    stretch: Any,
+    stretches: Stretches,
     owns: list[Any],
     target: Indices,
 ) -> Block:
@@ -75,9 +99,9 @@ def _sum(
         found, moments = nested.estimate(task, number, block, s, volume, owns, health)
         parts = found[0] if found else []
     else:
-        weights = Weights(number, s, volume, task.kernel, task.operator, stretch)
-        degree = None if cut else task.degree
+        weights = Weights(number, s, volume, task.kernel, task.operator, stretches)
         density = _density(task, number, block, volume)
+        degree = None if cut else task.degree
         parts, moments = summed(weights, degree, samples, health, density)
         if cut and task.degree is not None:
             fields = dict(ghosts.monomials(task, number, block, s, task.degree))
@@ -86,9 +110,7 @@ def _sum(
     errors = None
     if truth is not None:
         errors = [p - t for p, t in zip(parts, truth, strict=True)]
-    distance = np.sqrt(sum(x * x for x in block.offset))
-    if block.stretch is not None:
-        distance = distance * block.stretch
+    distance = block.distance
     inside = distance <= float(task.kernel.support)
     if block.particle is not None:
         inside &= block.particle >= 0
@@ -204,16 +226,25 @@ def _exactly(task: Task, target: Indices) -> Block:
                 target=np.array([one]),
                 particle=None if particle is None else particle[:, None],
                 stretch=None if stretch is None else stretch.astype(np.float64)[:, None],
+                mean_kernel=_takes_both(task.scene),
             )
-            stretch = None if stretch is None else number.number(stretch)
+            stretches: Stretches = (None,)
+            if stretch is not None:
+                there = number.number(stretch)
+                stretches = (None, there) if seen.mean_kernel else (there,)
             owns = [f.own(np.array([one]), task.seed, i) for i, f in enumerate(task.fields)]
             waves = isinstance(task.scene, Lattice) and is_wave(task.fields)
             rounds = [(0.0, 1.0), (1.0, 0.0)] if waves else [None]
             for phase in rounds:
                 mine = [phase or (None if own is None else (own[0][0], own[1][0])) for own in owns]
                 v = number.number(volume)
-                blocks.append(_sum(task, number, seen, s, v, stretch, mine, np.array([one])))
+                blocks.append(_sum(task, number, seen, s, v, stretches, mine, np.array([one])))
     return _joined(blocks, np.asarray(target))
+
+
+def _takes_both(scene: Any) -> bool:
+    """A pair takes the mean of the kernels of both its particles."""
+    return "mean-kernel" in (getattr(scene, "rule", None), getattr(scene, "mode", None))
 
 
 def _joined(blocks: list[Block], target: Indices) -> Block:

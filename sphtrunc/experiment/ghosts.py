@@ -31,7 +31,7 @@ def sampled(
         return one.at(number, block, s, own)
     if ghosts.kind == "dummy":
         return _extrapolated(task, number, block, s, one, own, ghosts.rows)
-    image = number.number(ghosts.image, ghosts.image_low, ghosts.image_error)
+    image = number.number(ghosts.image, ghosts.beside, ghosts.beside)
     seen = one.at(number, block, [image, *s[1:]], own)
     if ghosts.kind == "mirror":
         return seen
@@ -53,11 +53,7 @@ def _extrapolated(
     """Dummies with the Shepard mean of A_c − A_a over the fluid within their own supports."""
     scene: Any = task.scene
     wall = replace(scene.wall, ghosts="none", weight=scene.wall.share)
-    wants = {
-        "extended": block.offset_low is not None,
-        "errors": block.offset_error is not None,
-    }
-    wide = replace(scene, wall=wall).neighbourhood(block.target, task.kernel, **wants, reach=2)
+    wide = replace(scene, wall=wall).neighbourhood(block.target, task.kernel, number, reach=2)
     around, volume = wide.offsets(number), wide.volumes(number)
     difference = one.at(number, wide, around, own).difference
     here = one.at(number, block, s, own)

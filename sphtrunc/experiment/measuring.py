@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sphtrunc.arithmetic.precision import PRECISIONS, arithmetic
-from sphtrunc.experiment.blocks import evaluated
+from sphtrunc.experiment.blocks import evaluated, in_order
 from sphtrunc.experiment.fields import Bump, Field, Polynomial, Sinusoid, Values
 from sphtrunc.experiment.measurement import Block, Measurement
 from sphtrunc.experiment.one_pass import in_one_pass
@@ -88,44 +87,37 @@ def measure(
     blocks: list[Block] = []
     interrupted = False
     threads = _threads(workers, precision)
-    ahead = 2 * threads  # blocks under way, so that memory does not grow with their number
-    with ThreadPoolExecutor(threads) as pool:
 
-        def run(batch: Indices, expected: int) -> None:
-            size = max(1, min(4096, CELLS // task.cells))
-            done = sum(block.target.size for block in blocks)
-            waiting: deque[Future[Block]] = deque()
-            for first in range(0, batch.size + ahead * size, size):
-                if first < batch.size:
-                    some = batch[first : first + size]
-                    waiting.append(pool.submit(evaluated, task, some))
-                if waiting and (len(waiting) > ahead or first >= batch.size):
-                    blocks.append(waiting.popleft().result())
-                    done += blocks[-1].target.size
-                    if progress is not None:
-                        progress(done, expected)
+    def run(batch: Indices, expected: int) -> None:
+        size = max(1, min(4096, CELLS // task.cells))
+        done = sum(block.target.size for block in blocks)
+        some = [batch[first : first + size] for first in range(0, batch.size, size)]
+        for block in in_order(partial(evaluated, task), some, threads):
+            blocks.append(block)
+            done += block.target.size
+            if progress is not None:
+                progress(done, expected)
 
-        try:
-            if rtol is None:
-                chosen = _chosen(scene, targets, seed)
-                whole = in_one_pass(task, chosen, threads)
-                if whole is None:
-                    run(chosen, chosen.size)
-                else:
-                    blocks.append(whole)
+    try:
+        if rtol is None:
+            chosen = _chosen(scene, targets, seed)
+            whole = in_one_pass(task, chosen, threads)
+            if whole is None:
+                run(chosen, chosen.size)
             else:
-                if targets is not None:
-                    raise ValueError("targets: got targets and rtol; expected one of them")
+                blocks.append(whole)
+        else:
+            if targets is not None:
+                raise ValueError("targets: got targets and rtol; expected one of them")
 
-                def width() -> float:
-                    return relative_width(squares(blocks, operator, scene.dim))
+            def width() -> float:
+                return relative_width(squares(blocks, operator, scene.dim))
 
-                until(width, rtol, scene, most, seed, run)
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            if not blocks:
-                raise
-            interrupted = True
+            until(width, rtol, scene, most, seed, run)
+    except KeyboardInterrupt:
+        if not blocks:
+            raise
+        interrupted = True
     return gathered(task, blocks, interrupted, time.perf_counter() - started)
 
 

@@ -17,14 +17,19 @@ from sphtrunc.operators.corrections import combine
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import SYMMETRIC, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key
+from sphtrunc.scenes.neighbourhood import Stretches
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 
 class Weights:
-    """The terms of an operator at the neighbours of T targets, (N, T), in an arithmetic, and sums
-    of them; arguments as of `estimate`."""
+    """The terms of an operator at the neighbours of T targets, (N, T), in the arithmetic `number`,
+    and sums of them.
+
+    s: offsets along each axis, (N, T); volume: V/h^d; stretches: of `Neighbourhood`
+    terms: (−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs
+    """
 
     def __init__(
         self,
@@ -33,11 +38,58 @@ class Weights:
         volume: Any,
         kernel: Kernel,
         operator: Operator,
-        stretch: Any = None,
+        stretches: Stretches = (None,),
     ) -> None:
-        self.number, self.s, self.operator = number, s, operator
-        self.terms = _terms(number, s, number.length(s), volume, kernel, operator, stretch)
+        self.number, self.s, self.kernel, self.operator = number, s, kernel, operator
         self._monomials: dict[MultiIndex, Any] = {}
+        self.terms: dict[Any, Any] = {}
+        dim, q = len(s), number.length(s)
+        each = []  # (h_a/h, q h_a/h, V (h_a/h)^d) of the kernels that a pair takes in equal shares
+        for stretch in stretches:
+            weight = volume
+            for _ in range(0 if stretch is None else dim):
+                weight = weight * stretch
+            each.append((stretch, q if stretch is None else q * stretch, weight))
+        needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
+        orders = {1 if isinstance(term, str) else sum(term) for term in needed}
+        values: dict[int, Any] = {}  # V Ŵ^(k)
+        for k in sorted(orders | {1} if max(orders) else orders):
+            found = []
+            for stretch, argument, weight in each:
+                one = kernel_values(number, kernel, argument, k, dim) * weight
+                for _ in range(0 if stretch is None else k):
+                    one = one * stretch
+                found.append(one)
+            values[k] = found[0] if len(found) == 1 else (found[0] + found[1]) * 0.5
+        slope, axes = (-values[1], number.directions(s, q)) if 1 in values else (None, [])
+        for term in needed:
+            if term in (BROOKSHAW, FATEHI_MANZARI):
+                self.terms[term] = number.ratio(slope, q)
+                if term == FATEHI_MANZARI:
+                    self.terms[term] = number.ratio(number.ratio(self.terms[term], q), q)
+            elif sum(term) == 1:
+                self.terms[term] = slope * axes[term.index(1)]
+            elif sum(term) == 0 or dim == 1:
+                self.terms[term] = values[sum(term)]
+            else:
+                self.terms[term] = self._second(q, slope, values[2], axes, term)
+
+    def _second(self, q: Any, slope: Any, curvature: Any, axes: list[Any], term: MultiIndex) -> Any:
+        """V ∂ᵢ∂ⱼŴ = V [Ŵ″ eᵢeⱼ + (Ŵ′/q)(δᵢⱼ − eᵢeⱼ)]; at the target itself δᵢⱼ Ŵ″(0)."""
+        i, j = (k for k, n in enumerate(term) for _ in range(n))
+        both = axes[i] * axes[j]
+        around = self.number.ratio(slope, q)  # −V Ŵ′/q
+        at_target = _zero(q)
+        result = curvature * both - around * (float(i == j) - both)
+        if not np.any(at_target):
+            return result
+        if i == j and not self.kernel.curved_at_0:
+            raise ValueError(
+                f"form: the second derivatives of {self.kernel.name} do not exist at the particle"
+                f" itself in {len(axes)}D; expected the form difference or brookshaw"
+            )
+        own = curvature if i == j else 0 * curvature
+        return self.number.drop(result, at_target) + self.number.drop(own, ~at_target)
 
     def monomial(self, alpha: MultiIndex) -> Any:
         """s^α, and the number 1 for α = 0."""
@@ -69,24 +121,12 @@ class Weights:
 
 
 def estimate(
-    number: Any,
-    s: list[Any],
-    volume: Any,
-    kernel: Kernel,
-    operator: Operator,
-    degree: int | None,
-    fields: list[Any],
-    health: Health,
-    stretch: Any = None,
-    density: Any = None,
+    weights: Weights, degree: int | None, fields: list[Any], health: Health, density: Any = None
 ) -> tuple[list[Any], dict[MultiIndex, Any]]:
-    """Components of the estimate, and moments of the first of them up to `degree`, in the arithmetic
-    `number`.
+    """Components of the estimate, and moments of the first of them up to `degree`.
 
-    s: offsets along each axis, (N, T); volume: V/h^d; fields: samples, one for a scalar, d for a
-    vector; stretch: h_a/h_ab; density: ρ_a/ρ_b for the symmetric form.
+    fields: samples, one for a scalar, d for a vector; density: ρ_a/ρ_b for the symmetric form
     """
-    weights = Weights(number, s, volume, kernel, operator, stretch)
     found, moments = evaluated(weights, degree, fields, health, density, components=1)
     return found, moments[0] if moments else {}
 
@@ -172,88 +212,6 @@ def moments_by_fields(
 def _targets(s: list[Any]) -> tuple[int, ...]:
     shape = (s[0].middle if isinstance(s[0], Ball) else getattr(s[0], "high", s[0])).shape
     return tuple(shape[1:])
-
-
-def _terms(
-    number: Any,
-    s: list[Any],
-    q: Any,
-    volume: Any,
-    kernel: Kernel,
-    operator: Operator,
-    stretch: Any,
-) -> dict[Any, Any]:
-    """(−1)^{|δ|} V ∂^δ Ŵ, −V Ŵ′/q, −V Ŵ′/q³, whatever the operator needs; (N, T)."""
-    dim = len(s)
-    needed = list(dict.fromkeys(term for term, _ in operator.needed(dim, 0)))
-    argument = q if stretch is None else q * stretch
-    weight = volume
-    if stretch is not None:
-        for _ in range(dim):
-            weight = weight * stretch
-    terms: dict[Any, Any] = {}
-    order = max(1 if isinstance(term, str) else sum(term) for term in needed)
-    slope: Any = None
-    axes: list[Any] = []
-    if order:
-        slope = -kernel_term(number, kernel, argument, 1, dim, weight, stretch)
-        axes = number.directions(s, q)
-    for term in needed:
-        if term in (BROOKSHAW, FATEHI_MANZARI):
-            terms[term] = number.ratio(slope, q)
-            if term == FATEHI_MANZARI:
-                terms[term] = number.ratio(number.ratio(terms[term], q), q)
-        elif sum(term) == 0:
-            terms[term] = kernel_term(number, kernel, argument, 0, dim, weight, stretch)
-        elif sum(term) == 1:
-            terms[term] = slope * axes[term.index(1)]
-        else:
-            terms[term] = _second(number, q, slope, axes, term, kernel, argument, weight, stretch)
-    return terms
-
-
-def kernel_term(
-    number: Any, kernel: Kernel, q: Any, derivative: int, dim: int, weight: Any, stretch: Any
-) -> Any:
-    """V Ŵ^(k)(q), with the powers of h_a/h_ab that belong to it."""
-    value = kernel_values(number, kernel, q, derivative, dim) * weight
-    if stretch is not None:
-        for _ in range(derivative):
-            value = value * stretch
-    return value
-
-
-def _second(
-    number: Any,
-    q: Any,
-    slope: Any,
-    axes: list[Any],
-    term: MultiIndex,
-    kernel: Kernel,
-    argument: Any,
-    weight: Any,
-    stretch: Any,
-) -> Any:
-    """V ∂ᵢ∂ⱼŴ = V [Ŵ″ eᵢeⱼ + (Ŵ′/q)(δᵢⱼ − eᵢeⱼ)]; at the target itself δᵢⱼ Ŵ″(0)."""
-    dim = len(axes)
-    curvature = kernel_term(number, kernel, argument, 2, dim, weight, stretch)
-    i, *rest = (k for k, n in enumerate(term) for _ in range(n))
-    j = rest[0]
-    if dim == 1:
-        return curvature
-    both = axes[i] * axes[j]
-    around = number.ratio(slope, q)  # −V Ŵ′/q
-    at_target = _zero(q)
-    result = curvature * both - around * (float(i == j) - both)
-    if not np.any(at_target):
-        return result
-    if i == j and not kernel.curved_at_0:
-        raise ValueError(
-            f"form: the second derivatives of {kernel.name} do not exist at the particle itself in"
-            f" {dim}D; expected the form difference or brookshaw"
-        )
-    own = curvature if i == j else 0 * curvature
-    return number.drop(result, at_target) + number.drop(own, ~at_target)
 
 
 def _zero(q: Any) -> Any:

@@ -1,16 +1,17 @@
 """Relaxation: particles move along −∇ΣVW until that is small, and form a glass.
 
-Steps are those of Barzilai & Borwein (1988, doi:10.1093/imanum/8.1.141) along the gradient, no
-particle further than a fifth of Δx; the particle shifting of Lind, Xu, Stansby & Rogers (2012,
-doi:10.1016/j.jcp.2011.10.027) in its steady state. One pass of the pair engine a step; the result
-depends on the recipe alone, whatever the number of threads.
+For equal volumes h∇ΣVW is the gradient of an energy, Σ_{a<b} VW up to a factor, which is brought
+down by the quasi-Newton steps of Liu & Nocedal (1989, doi:10.1007/BF01589116) with the last
+`MEMORY` of them, no particle further than a fifth of Δx; where they are reached, the steady state
+of the particle shifting of Lind, Xu, Stansby & Rogers (2012, doi:10.1016/j.jcp.2011.10.027). One
+pass of the pair engine a step; the result depends on the recipe alone, whatever the number of
+threads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +26,10 @@ if TYPE_CHECKING:
     from sphtrunc.scenes.particles import Particles
 
 FARTHEST = 0.2  # of a particle in one step, in Δx
-GROWTH = 2.0  # of a step over the last one
+GROWTH = 2.0  # of a step over the last one, where the slope has not changed along it as it should
+_FLAT = 1e-9  # cosine of a step and of the change of slope below which there is no curvature
+WAY = "lbfgs/1"  # what the particles of a recipe depend on beside the recipe
+MEMORY = 8  # steps that the curvature is known from
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,31 +83,51 @@ def relax(
     slope = climb(x)
     size, best = [_rms(slope)], x
     rate = 0.5 * FARTHEST / max(size[0], 1e-300)
+    moves: list[_Move] = []
     while size[-1] > recipe.residual and len(size) <= recipe.steps:
-        step = -rate * slope
+        step = _downhill(slope, moves, rate)
+        if _sum(step * slope) >= 0.0:  # what was remembered does not hold here
+            moves, step = [], -rate * slope
         longest = float(np.sqrt((step * step).sum(axis=0)).max())
         if longest > FARTHEST:
             step *= FARTHEST / longest
         x = np.mod(x + step, recipe.side)
         after = climb(x)
         change = after - slope
-        along = _sum(step * change)
-        wanted = _sum(step * step) / along if along > 0 else GROWTH * rate
-        rate = min(wanted, GROWTH * rate)
+        along, square = _sum(step * change), _sum(change * change)
+        if along > _FLAT * (_sum(step * step) * square) ** 0.5:
+            moves, rate = [*moves[1 - MEMORY :], (step, change, along)], along / square
+        else:
+            moves, rate = [], GROWTH * rate
         slope = after
         size.append(_rms(slope))
         best = x if size[-1] <= min(size) else best
         if progress is not None:
             progress(len(size) - 1, size[-1])
-    volume = np.broadcast_to(1.0 / recipe.density(best[0]), best.shape[1:])
-    made = particles(best.T, h=recipe.h, volume=volume, period=recipe.side)
-    return Relaxation(recipe, made, np.array(size))
+    return relaxed(recipe, best, np.array(size))
 
 
-@lru_cache(maxsize=8)
-def glass(recipe: Recipe) -> Relaxation:
-    """`relax`, remembered."""
-    return relax(recipe)
+def relaxed(recipe: Recipe, x: Array, history: Array) -> Relaxation:
+    """What became of a recipe: positions (d, N) in its box, with the volumes of its profile."""
+    volume = np.broadcast_to(1.0 / recipe.density(x[0]), x.shape[1:])
+    scene = particles(x.T, h=recipe.h, volume=volume, period=recipe.side)
+    return Relaxation(recipe, scene, history)
+
+
+_Move = tuple[Array, Array, float]  # a step, how the slope changed along it, and their product
+
+
+def _downhill(slope: Array, moves: Sequence[_Move], rate: float) -> Array:
+    """−H g, H the inverse of the curvature as `moves` show it, `rate` times the identity without
+    them: the recursion of Nocedal (1980)."""
+    found, parts = slope, []
+    for step, change, along in reversed(moves):
+        parts.append(_sum(step * found) / along)
+        found = found - parts[-1] * change
+    found = rate * found
+    for step, change, along in moves:
+        found = found + (parts.pop() - _sum(change * found) / along) * step
+    return -found
 
 
 def with_h(scene: Particles, h: float) -> Particles:
@@ -124,13 +148,12 @@ def _rms(x: Array) -> float:
 def regularity(scene: Particles, kernel: str) -> dict[str, float]:
     """How even particles in a periodic box are: "density", the mean of ΣVW with its standard
     deviation "density_std"; "gradient", the root mean square of |h∇ΣVW|; "nearest", the distance of
-    the nearest neighbour in Δx, with "nearest_std".
+    the nearest neighbour in Δx, with "nearest_std"; "disorder", λ of Antuono et al. (2014).
 
     Raises ValueError for particles without a box.
     """
-    from scipy.spatial import cKDTree
-
     from sphtrunc.kernels.parse import kernel as parse_kernel
+    from sphtrunc.scenes.spacing import disorder, tree
 
     if scene.period is None:
         raise ValueError("particles: expected a periodic box")
@@ -139,13 +162,13 @@ def regularity(scene: Particles, kernel: str) -> dict[str, float]:
     sums = pair_sums(scene, parse_kernel(kernel), [(zero, zero), *keys])
     density = sums.base[zero, zero]
     spacing = float(np.prod(scene.period) / scene.population) ** (1 / dim)
-    inside = np.mod(scene.x.T, scene.period)
-    tree = cKDTree(np.where(inside < scene.period, inside, 0.0), boxsize=scene.period)
-    nearest = tree.query(tree.data, k=2)[0][:, 1] / spacing
+    near, length, _ = tree(scene.x, scene.period)
+    nearest = near.query(near.data, k=2)[0][:, 1] / (length * spacing)
     return {
         "density": float(density.mean()),
         "density_std": float(density.std()),
         "gradient": _rms(np.stack([sums.base[key] for key in keys])),
         "nearest": float(nearest.mean()),
         "nearest_std": float(nearest.std()),
+        "disorder": disorder(scene.x, scene.period),
     }

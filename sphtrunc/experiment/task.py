@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from sphtrunc.experiment.fields import Field, Sinusoid
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
 
@@ -47,7 +49,7 @@ def described(task: Task) -> dict[str, Any]:
     """Every option as it was resolved."""
     scene: Any = task.scene
     carried = getattr(scene, "base", scene)
-    base = getattr(carried, "lattice", carried)
+    base = carried if isinstance(carried, Arrangement) else None
     settings: dict[str, Any] = {
         "kernel": {
             "name": task.kernel.name,
@@ -59,12 +61,12 @@ def described(task: Task) -> dict[str, Any]:
         "operator": task.operator.name,
         "form": task.operator.form,
         "correction": task.operator.correction,
-        "lattice": getattr(base, "kind", None),
-        "dx_over_h": str(base.dx_over_h) if hasattr(base, "dx_over_h") else None,
-        "offset": [str(o) for o in base.offset] if hasattr(base, "dx_over_h") else None,
-        "extent": getattr(base, "extent", None),
-        "jitter": getattr(carried, "sigma", 0.0),
-        "distribution": getattr(carried, "distribution", None),
+        "lattice": None if base is None else base.kind,
+        "dx_over_h": None if base is None else str(base.dx_over_h),
+        "offset": None if base is None else [str(o) for o in base.offset],
+        "extent": None if base is None else base.extent,
+        "jitter": 0.0 if base is None else base.sigma,
+        "distribution": carried.distribution if isinstance(carried, Jittered) else None,
         "volume": scene.volume,
         "field": _field_text(task.fields),
         "h_over_lambda": getattr(task.fields[0], "h_over_lambda", None) if task.fields else None,
@@ -77,8 +79,8 @@ def described(task: Task) -> dict[str, Any]:
     if carried is not scene:
         settings["h_gradient"] = [str(g) for g in scene.gradient]
         settings["h_rule"] = scene.rule
-    wall = getattr(base, "wall", None)
-    if wall is not None:
+    if base is not None and base.wall is not None:
+        wall = base.wall
         settings["wall"] = {
             "eta": str(wall.eta),
             "at": str(base.wall_phase % 1),

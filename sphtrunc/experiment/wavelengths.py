@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from math import factorial, pi
@@ -26,10 +25,10 @@ from sphtrunc.arithmetic.linear_systems import Health
 from sphtrunc.arithmetic.plain import Plain
 from sphtrunc.arithmetic.summation import Array
 from sphtrunc.experiment import nested
-from sphtrunc.experiment.blocks import evaluated
+from sphtrunc.experiment.blocks import evaluated, in_order
 from sphtrunc.experiment.fields import Sinusoid, sinusoid
 from sphtrunc.experiment.measurement import Block, Measurement
-from sphtrunc.experiment.neighbour_sums import _terms, exact_derivatives
+from sphtrunc.experiment.neighbour_sums import Weights, exact_derivatives
 from sphtrunc.experiment.statistics import _chosen, gathered, relative_width, squares, until
 from sphtrunc.experiment.task import Task
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
@@ -80,32 +79,31 @@ def waves(
     ]
     found: list[list[list[Block]]] = [[[] for _ in fields] for _ in operators]
     size = max(1, min(4096, CELLS // max(row[0].cells for row in tasks)))
-    with ThreadPoolExecutor(workers) as pool:
 
-        def run(batch: Indices, expected: int) -> None:
-            done = sum(block.target.size for block in found[0][0])
-            chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
-            for table in pool.map(partial(_look, tasks), chunks):
-                for rows, blocks in zip(found, table, strict=True):
-                    for row, block in zip(rows, blocks, strict=True):
-                        row.append(block)
-                done += table[0][0].target.size
-                if progress is not None:
-                    progress(done, expected)
+    def run(batch: Indices, expected: int) -> None:
+        done = sum(block.target.size for block in found[0][0])
+        chunks = [batch[i : i + size] for i in range(0, batch.size, size)]
+        for table in in_order(partial(_look, tasks), chunks, workers):
+            for rows, blocks in zip(found, table, strict=True):
+                for row, block in zip(rows, blocks, strict=True):
+                    row.append(block)
+            done += table[0][0].target.size
+            if progress is not None:
+                progress(done, expected)
 
-        if rtol is None or isinstance(scene, Lattice):
-            chosen = _chosen(scene, targets, seed)
-            run(chosen, chosen.size)
-        else:
+    if rtol is None or isinstance(scene, Lattice):
+        chosen = _chosen(scene, targets, seed)
+        run(chosen, chosen.size)
+    else:
 
-            def width() -> float:
-                return max(
-                    relative_width(squares(row, operator, scene.dim))
-                    for rows, operator in zip(found, operators, strict=True)
-                    for row in rows
-                )
+        def width() -> float:
+            return max(
+                relative_width(squares(row, operator, scene.dim))
+                for rows, operator in zip(found, operators, strict=True)
+                for row in rows
+            )
 
-            until(width, rtol, scene, most, seed, run)
+        until(width, rtol, scene, most, seed, run)
     seconds = (time.perf_counter() - started) / (len(operators) * max(1, len(fields)))
     return [
         [gathered(task, row, False, seconds) for task, row in zip(tasks_of, rows, strict=True)]
@@ -117,9 +115,7 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
     """One block of targets: the neighbourhood once, every operator on it."""
     first = tasks[0][0]
     block = first.scene.neighbourhood(target, first.kernel)
-    distance = np.sqrt(sum(x * x for x in block.offset))
-    if block.stretch is not None:
-        distance = distance * block.stretch
+    distance = block.distance
     inside = distance <= float(first.kernel.support)
     if block.particle is not None:
         inside &= block.particle >= 0
@@ -133,11 +129,13 @@ def _look(tasks: Sequence[Sequence[Task]], target: Indices) -> list[list[Block]]
         short = [x <= LONGEST for x in reach]
         if row[0].operator.form == SYMMETRIC and block.volume.shape != (1, 1):
             short = [False] * len(row)
+        if block.ghosts is not None:  # they carry other values than those at their places
+            short = [False] * len(row)
         series: list[Block] = []
         if any(short):
             kept = [t for t, s in zip(row, short, strict=True) if s]
             top = max(x for x, s in zip(reach, short, strict=True) if s)
-            series = _series(kept, block, distance, target, counts, top)
+            series = _series(kept, block, target, counts, top)
         taken = iter(series)
         result.append(
             [
@@ -166,7 +164,6 @@ def degree_of_series(reach: float, derivatives: int) -> int:
 def _series(
     tasks: Sequence[Task],
     block: Neighbourhood,
-    distance: Array,
     target: Indices,
     counts: tuple[Indices, Indices],
     reach: float,
@@ -177,7 +174,7 @@ def _series(
     number, health = Plain(), Health()
     s = list(block.offset)
     volume = np.asarray(block.volume)
-    terms = _terms(number, s, distance, volume, kernel, operator, block.stretch)
+    terms = Weights(number, s, volume, kernel, operator, block.stretches(number)).terms
 
     def weight(term: Any, alpha: tuple[int, ...]) -> Array:
         result = terms[term]
@@ -191,7 +188,7 @@ def _series(
         sums = {key: number.total(weight(*key)) for key in operator.needed(dim, 0)}
     parts = operator.coefficients(sums, dim, partial(number.solve, health=health))
     powers = degree_of_series(reach, m) + 1
-    moments = np.empty((powers, len(parts), distance.shape[1]))
+    moments = np.empty((powers, len(parts), target.size))
     for c, part in enumerate(parts):
         rows = [x if isinstance(x, int) and x == 1 else None for x in part.values()]
         total = sum(

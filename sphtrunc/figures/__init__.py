@@ -43,6 +43,9 @@ FIGURES = {
     "conservation": ("conserving", "Momentum error against truncation error, form by form."),
     "variable-h": ("conserving", "Moments with a gradient of h; six rules in an atmosphere."),
     "density-drift": ("conserving", "Summed against integrated density, six ways to step."),
+    "flow-error": ("flows", "Error of flows against N, form by form, uniform and displaced."),
+    "cavity-lines": ("flows", "The cavity's centre lines, corrected or not, beside Ghia et al."),
+    "cavity-map": ("flows", "Streamlines of the cavity, and where its velocity is wrong."),
 }
 
 

@@ -62,19 +62,7 @@ def splits(
     precision: str = "plain",
 ) -> list[Split]:
     """Predicted errors and their parts."""
-    home = getattr(scene, "lattice", scene)
-    return predict_waves(
-        kernel,
-        operator,
-        home.kind,
-        home.dx_over_h,
-        home.offset,
-        lengths,
-        sigma=getattr(scene, "sigma", 0.0),
-        distribution=getattr(scene, "distribution", "gaussian"),
-        volume=home.volume,
-        precision=precision,
-    )
+    return predict_waves(kernel, operator, scene, lengths, precision=precision)
 
 
 def theory(kernel: Kernel, operator: Operator, scene: Any, lengths: Sequence[float]) -> list[float]:

@@ -192,7 +192,8 @@ def _array(values: ArrayLike) -> Floats:
 
 
 def draw(picture: Picture) -> Figure:
-    """The picture as a matplotlib Figure, outside pyplot: nothing global is touched.
+    """The picture as a matplotlib Figure, outside pyplot: nothing global is touched. Notebooks,
+    which know the figures of pyplot alone, are told how to show it.
 
     Raises ValueError, with what to install, where matplotlib is missing.
     """
@@ -220,6 +221,7 @@ def draw(picture: Picture) -> Figure:
         note = picture.note or ("lines: derived, points: measured" if MEASURED in kinds else "")
         if note:
             figure.supxlabel(note, fontsize=8, color="#444444", x=0.99, ha="right")
+    figure._repr_png_ = lambda: _saved(figure, "png")  # type: ignore[attr-defined]
     return figure
 
 
@@ -371,12 +373,21 @@ def save(picture: Picture, out: str | Path) -> list[Path]:
     written = [folder / f"{picture.name}.csv"]
     write_atomically(written[0], picture.to_csv())
     figure = draw(picture)
+    for kind in _METADATA:
+        written.append(folder / f"{picture.name}.{kind}")
+        write_atomically(written[-1], _saved(figure, kind))
+    return written
+
+
+#: what a file would say of its making, left out: the same bytes every time
+_METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None}}
+
+
+def _saved(figure: Figure, kind: str) -> bytes:
+    """The figure as a file of this kind."""
     from matplotlib import rc_context
 
-    for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-        data = io.BytesIO()
-        with rc_context(_STYLE):
-            figure.savefig(data, format=kind, metadata=metadata)
-        written.append(folder / f"{picture.name}.{kind}")
-        write_atomically(written[-1], data.getvalue())
-    return written
+    data = io.BytesIO()
+    with rc_context(_STYLE):
+        figure.savefig(data, format=kind, metadata=_METADATA[kind])
+    return data.getvalue()

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.experiment.measuring import measure
-from sphtrunc.experiment.relaxation import glass, relax, with_h
+from sphtrunc.experiment.relaxation import relax, with_h
 from sphtrunc.figures.picture import (
     Curve,
     Panel,

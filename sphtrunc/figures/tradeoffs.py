@@ -62,7 +62,7 @@ def _weights(kernel: Kernel, scene: Any, title: str) -> Panel:
     s = block.offset[0, :, 0]
     order = np.argsort(s)
     order = order[np.abs(s[order]) < float(kernel.support)]
-    ratio = float(getattr(scene, "lattice", scene).dx_over_h)
+    ratio = float(scene.dx_over_h)
     x = s[order] / ratio
     w = -np.sign(x) * kernel.dw(np.abs(s[order])) * ratio**2
     middle = int(np.argmin(np.abs(x)))

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sphtrunc.arithmetic.rational import fraction
-from sphtrunc.experiment.wavelengths import degree_of_series, waves
+from sphtrunc.experiment.wavelengths import waves
 from sphtrunc.figures.picture import Curve, Panel, Picture, measured, predicted, slope
 from sphtrunc.kernels.parse import kernel as parse_kernel
-from sphtrunc.kernels.transform import smoothing_error, transform
+from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import lattice
-from sphtrunc.theory.deriving import derive
 from sphtrunc.theory.field_error import predict_waves
-from sphtrunc.theory.reciprocal_sums import response as reciprocal
+from sphtrunc.theory.stencil import stencils
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 ERROR = "rms error of the gradient / largest exact gradient"
 H = r"$h/\lambda$"
 DX = r"$\Delta x/h$"
-SHELLS = 200  # of the reciprocal lattice
 
 
 def uniform_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) -> list[float]:
@@ -35,26 +34,11 @@ def uniform_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float
 
 
 def wave_error(kernel: Kernel, ratio: Fraction, h_over_lambda: Sequence[float]) -> list[float]:
-    """K/k − 1, the relative error of the modified wavenumber, from the reciprocal lattice; from the
-    exact moments for kernels whose reciprocal sum converges too slowly."""
-    if kernel.smoothness < 1:
-        return [_from_moments(kernel, ratio, 2 * pi * x) for x in h_over_lambda]
-    smoothing = smoothing_error(kernel, [2 * pi * x for x in h_over_lambda])
-    errors = []
-    for x, part in zip(h_over_lambda, smoothing, strict=True):
-        _, shells = reciprocal(kernel, [2 * pi * x], "uniform", ratio, shells=SHELLS)
-        errors.append(sum(shells).real - float(part))
-    return errors
-
-
-def _from_moments(kernel: Kernel, ratio: Fraction, k: float) -> float:
-    """Σ (−1)ⁿ k^{2n}/(2n+1)! M_{2n+1} − 1."""
-    top = min(degree_of_series(k * float(kernel.support), 1) | 1, 39)
-    discrete = derive(kernel, dx_over_h=ratio, degree=top).discrete
-    assert discrete is not None
-    errors = {n: float(discrete.error[(n,)]) for n in range(1, top + 1, 2)}
-    total = sum((-1) ** (n // 2) * k ** (n - 1) / factorial(n) * e for n, e in errors.items())
-    return float(total)
+    """K/k − 1, the relative error of the modified wavenumber: the symbol of the gradient's stencil
+    is iK."""
+    (stencil,) = stencils(kernel, Operator("gradient"), Arrangement("uniform", ratio))
+    lengths = (2 * pi * x for x in h_over_lambda)
+    return [float(stencil.symbol([k]).imag / k - 1) for k in lengths]
 
 
 def seen(
@@ -63,8 +47,8 @@ def seen(
     """Measured rms errors on a uniform lattice, and what rounding alone may make of them."""
     (row,) = waves(lattice(1, dx_over_h=ratio), kernel, [Operator("gradient")], h_over_lambda)
     errors = [float(m.error["rms"]) for m in row if m.error is not None]
-    here = (kernel, Operator("gradient"), "uniform", ratio, (Fraction(0),))
-    splits = predict_waves(*here, [min(h_over_lambda)])
+    here = Arrangement("uniform", ratio)
+    splits = predict_waves(kernel, Operator("gradient"), here, [min(h_over_lambda)])
     return errors, 5 * splits[0].rounding
 
 

@@ -14,6 +14,7 @@ from sphtrunc.experiment.measuring import measure
 from sphtrunc.figures.picture import Curve, Panel, Picture, measured, predicted, slope
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import beside_wall, lattice
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.walls.moments import cut_moments, wall_lattice_moments
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 HALF = Fraction(1, 2)
-ORIGIN = (Fraction(0),)
 DEGREE = 14  # of the moments that make the error of a wave
 ETA = r"$\eta$, distance from the wall in $h$"
 
@@ -72,9 +72,7 @@ def wall_profile(kernel: str | None, quick: bool) -> Picture:
                 eta = (m + HALF) * ratio
                 scene = beside_wall(lattice(1, dx_over_h=ratio), eta, at="half-way", ghosts=ghosts)
                 found = measure(scene, shape, operator, moments=n).moments
-                exact = wall_lattice_moments(
-                    shape, operator, "uniform", ratio, ORIGIN, n, Wall(eta, HALF, ghosts)
-                )
+                exact = wall_lattice_moments(shape, operator, scene, n)
                 x.append(float(eta))
                 seen.append(
                     float(_coefficient(operator, {k: v[0] for k, v in found.values.items()}, n))
@@ -94,11 +92,15 @@ def wall_profile(kernel: str | None, quick: bool) -> Picture:
     )
 
 
+def _beside(ratio: Fraction, wall: Wall) -> Arrangement:
+    return Arrangement("uniform", ratio).beside(wall)
+
+
 def _wave_error(
     shape: Kernel, operator: Operator, ratio: Fraction, wall: Wall, h_over_lambda: Sequence[float]
 ) -> list[float]:
     """The relative rms error of a wave over its phase, |Σ (ik)^n M_n/n! − exact|/√2."""
-    moments = wall_lattice_moments(shape, operator, "uniform", ratio, ORIGIN, DEGREE, wall)
+    moments = wall_lattice_moments(shape, operator, _beside(ratio, wall), DEGREE)
     errors = []
     for x in h_over_lambda:
         k = 2 * pi * x
@@ -154,10 +156,7 @@ def _added(
     """M_0 at η = 1/2 less its limit, for every place of the wall in the lattice."""
     limit = cut_moments(shape, operator, 1, 0, Wall(HALF))[(0,)]
     return [
-        float(
-            wall_lattice_moments(shape, operator, "uniform", ratio, ORIGIN, 0, Wall(HALF, p))[(0,)]
-            - limit
-        )
+        float(wall_lattice_moments(shape, operator, _beside(ratio, Wall(HALF, p)), 0)[(0,)] - limit)
         for p in places
     ]
 

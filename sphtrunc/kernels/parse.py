@@ -80,6 +80,16 @@ def kernel(spec: Kernel | Gaussian | str) -> Kernel:
     return catalogue.named(text) if smooth is None else smooth  # type: ignore[return-value]
 
 
+def definition(spec: Kernel | Gaussian | str) -> list[Any]:
+    """What a kernel is, not how it was called, for a fingerprint: its file may change. Name, knots
+    and the coefficients of its pieces, as texts."""
+    found = kernel(spec)
+    coefficients = getattr(found, "coefficients", None)
+    pieces = [] if coefficients is None else coefficients()
+    knots = [str(k) for k in found.knots]
+    return [found.name, knots, [[str(c) for c in piece] for piece in pieces]]
+
+
 def formula(text: str, name: str = "custom", source: str = "") -> Kernel:
     """The kernel of a formula in pieces or in truncated powers (see `kernel`)."""
     tree = _parse(text)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
 from sphtrunc.scenes import random_numbers as jitter
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _stencil, _whole
 from sphtrunc.scenes.neighbourhood import EDGE, assemble
 from sphtrunc.scenes.neighbourhood import Indices as Indices
@@ -22,65 +24,56 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 
+UNMOVED: Any = {"sigma": 0.0, "distribution": "gaussian"}
+
+
 @dataclass(frozen=True)
-class Jittered:
+class Jittered(Arrangement):
     """A lattice whose particles are displaced at random: u, of standard deviation σ/Δx along each
     axis, is a pure function of (seed, lattice index). Made by `jittered`.
 
     anywhere: the targets are not the particles but points of space, one at random for each
     """
 
-    lattice: Lattice
-    sigma: float
-    distribution: str
-    seed: int
+    seed: int = 0
     anywhere: bool = False
 
     @property
-    def dim(self) -> int:
-        """d."""
-        return self.lattice.dim
-
-    @property
-    def volume(self) -> str:
-        """The rule for the volumes."""
-        return self.lattice.volume
+    def lattice(self) -> Lattice:
+        """The lattice without displacements."""
+        rules = (field.name for field in fields(Arrangement))
+        return Lattice(**{name: getattr(self, name) for name in rules} | UNMOVED)
 
     @property
     def population(self) -> int:
         """The number of different targets: the particles of the scene."""
-        return self.lattice.particles
-
-    @property
-    def particles(self) -> int:
-        """The number of particles of the scene."""
-        return self.lattice.particles
+        return self.particles
 
     @property
     def largest(self) -> float:
         """The largest displacement along one axis, in Δx."""
         most = self.sigma * jitter.largest(self.distribution) * EDGE
         if self.distribution == "blue":
-            most *= 2.0 / (1.0 + 1.0 / len(KINDS[self.lattice.kind].nearest)) ** 0.5
+            most *= 2.0 / (1.0 + 1.0 / len(KINDS[self.kind].nearest)) ** 0.5
         return most
 
     @property
     def target_moves(self) -> bool:
         """A target is a particle and moves with it, unless the lattice has an offset."""
-        return not any(self.lattice.offset) and not self.anywhere
+        return self.at_particle and not self.anywhere
 
     @property
     def _cell(self) -> Array:
         """The primitive vectors as rows, in Δx: targets anywhere lie in the cell that they span."""
-        length = np.array([float(u) for u in units(self.lattice.kind)])
-        return np.asarray(np.array(KINDS[self.lattice.kind].primitive) * length)
+        length = np.array([float(u) for u in units(self.kind)])
+        return np.asarray(np.array(KINDS[self.kind].primitive) * length)
 
     def _sites(self, kernel: Kernel, reach: int = 1) -> Indices:
         slack = self.largest * (2.0 if self.target_moves else 1.0)
         slack += 0.5 * float(np.abs(self._cell).sum(axis=0).max()) if self.anywhere else 0.0
         margin = 1.0 + 3.0 * slack if self.volume == "cell" else 0.0
         reach += self.volume == "summation"
-        return _stencil(self.lattice, kernel, slack, margin, reach)
+        return _stencil(self, kernel, slack, margin, reach)
 
     def rows(self, kernel: Kernel) -> int:
         """The number of candidates that are looked at for a target."""
@@ -100,7 +93,7 @@ class Jittered:
                 yield u
             return
         # less the mean over the nearest neighbours: spectrum (1 − mean cos)², none at long waves
-        steps = KINDS[self.lattice.kind].nearest
+        steps = KINDS[self.kind].nearest
         scale = self.sigma / (1.0 + 1.0 / len(steps)) ** 0.5
         around = [
             jitter.noise(place + jitter.place(np.array(step, dtype=np.int64)), self.seed)
@@ -127,29 +120,28 @@ class Jittered:
         """Integer points (d, T) of the targets 0 … extent^d − 1."""
         rest, steps = target, []
         for _ in range(self.dim):
-            rest, step = np.divmod(rest, self.lattice.extent)
+            rest, step = np.divmod(rest, self.extent)
             steps.append(step)
-        primitive = np.array(KINDS[self.lattice.kind].primitive, dtype=np.int64)
+        primitive = np.array(KINDS[self.kind].primitive, dtype=np.int64)
         return np.asarray(primitive.T @ np.stack(steps))
 
     def neighbourhood(
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (d, N, T), N the largest number."""
         m = self._sites(kernel, reach)
-        base, base_low = _positions(self.lattice, m, Fraction(1), extended or errors)
-        dx_over_h = dd_from_ratio(*self.lattice.dx_over_h.as_integer_ratio())
+        base, base_low = _positions(self, m, Fraction(1), number.wide or number.bounded)
+        dx_over_h = dd_from_ratio(*self.dx_over_h.as_integer_ratio())
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
         own = self._own(origin)
         offset = np.empty((self.dim, *place.shape))
-        low, error = [], []
+        beside = []
         for axis, u in enumerate(self._displacement(place)):
             row, mine = base[axis][:, None], own[axis]
             if base_low is not None:
@@ -159,14 +151,14 @@ class Jittered:
             u -= mine
             s = np.add(u, row, out=offset[axis])
             s *= dx_over_h[0]
-            if extended:
+            if number.wide:
                 offset[axis], rest = fine
-                low.append(rest)
-            elif errors:  # what the rounded formula is off by
+                beside.append(rest)
+            elif number.bounded:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
-                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
-        volume = dd_from_ratio(*(self.lattice.dx_over_h**self.dim).as_integer_ratio())
-        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+                beside.append(gap * EDGE + 2.0**-84 * np.abs(s))
+        volume = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
+        return assemble(number, self.volume, volume, offset, beside, target, kernel, reach)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -174,8 +166,8 @@ class Jittered:
         origin = self.origin(np.array([target]))
         moved = fractions(self.displacement(m + origin))
         moved -= fractions(np.stack(self._own(jitter.place(origin))))
-        offset = (_exact_positions(self.lattice, m) + moved) * self.lattice.dx_over_h
-        volume = np.full(m.shape[1], self.lattice.dx_over_h**self.dim, dtype=object)
+        offset = (_exact_positions(self, m) + moved) * self.dx_over_h
+        volume = np.full(m.shape[1], self.dx_over_h**self.dim, dtype=object)
         if self.volume == "cell":
             offset = np.sort(offset, axis=1)
             volume = (offset[0, 2:] - offset[0, :-2]) / 2
@@ -219,16 +211,7 @@ def jittered(
             f"distribution: blue needs the same neighbours at every site, {lattice.kind} has two"
             " sorts; expected gaussian or uniform, or another lattice"
         )
-    wall = lattice.wall
-    if wall is not None and wall.ghosts != "none":
-        raise ValueError(
-            f"ghosts: got {wall.ghosts} with displaced particles, which have no images; expected"
-            " none"
-        )
-    if wall is not None and wall.share != 1 and lattice.wall_phase.denominator == 1:
-        raise ValueError(
-            "jitter: a displaced particle is not on the wall; expected wall-weight 1, or wall-at"
-            " half-way"
-        )
+    lattice.require_unmoved_wall()
     _whole("seed", seed, 0, 2**63 - 1)
-    return Jittered(lattice, value, distribution, int(seed), anywhere)
+    moved = {"sigma": value, "distribution": distribution, "seed": int(seed), "anywhere": anywhere}
+    return Jittered(**vars(lattice) | moved)

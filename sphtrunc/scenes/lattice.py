@@ -16,57 +16,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction
 from sphtrunc.arithmetic.summation import Array, dd_from_ratio
-from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, summed
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.neighbourhood import Beside, Ghosts, summed, wanted
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.random_numbers import MOST_INDICES as MOST_INDICES
-from sphtrunc.scenes.sites import DEFAULT, KINDS, sites, units
+from sphtrunc.scenes.sites import DEFAULT, lattice_of, sites, units
 from sphtrunc.scenes.walls import PLACES, Wall
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
-
-VOLUMES = ("constant", "cell", "summation")
 
 
 # ------------------------------------------------------------------------------------- lattices
 
 
 @dataclass(frozen=True)
-class Lattice:
+class Lattice(Arrangement):
     """An undisplaced lattice: one target stands for all. By `lattice` and `beside_wall`."""
-
-    kind: str
-    dx_over_h: Fraction
-    offset: tuple[Fraction, ...]
-    volume: str
-    extent: int
-    wall: Wall | None = None
-
-    @property
-    def dim(self) -> int:
-        """d."""
-        return KINDS[self.kind].dim
 
     @property
     def population(self) -> int:
         """The number of different targets."""
         return 1
-
-    @property
-    def particles(self) -> int:
-        """The number of particles of a scene of this extent."""
-        return int(self.extent**self.dim)
-
-    @property
-    def wall_phase(self) -> Fraction:
-        """φ of its wall: the planes m with m + φ > 0 are fluid, that with m + φ = 0 is on it."""
-        if self.wall is None:
-            raise ValueError("wall: this lattice has none")
-        return self.wall.phase(self.kind, self.dx_over_h, self.offset)
 
     def rows(self, kernel: Kernel) -> int:
         """The number of neighbours."""
@@ -76,41 +51,34 @@ class Lattice:
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """The stencil out to so many supports, (d, N, 1): exact numbers, rounded once."""
         if self.wall is not None:
-            return _cut(self, self.wall, target, kernel, extended, errors, reach)
+            return _cut(self, self.wall, target, kernel, number, reach)
         m = _stencil(self, kernel, reach=reach)
-        s, low = _positions(self, m, self.dx_over_h, extended or errors)
-        rest = None if low is None else low[:, :, None]
+        exactly = number.wide or number.bounded
+        s, low = _positions(self, m, self.dx_over_h, exactly)
         volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
-        hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
-        error: Array | None = np.abs(lo) * EDGE
+        hi, more = np.full((1, 1), volume), wanted(number, np.full((1, 1), volume_low))
         if self.volume == "summation":
-            home = Lattice(self.kind, self.dx_over_h, (Fraction(0),) * self.dim, "constant", 1)
+            home = self.seen_from()
             sites = _stencil(home, kernel)
-            around, after = _positions(home, sites, self.dx_over_h, extended or errors)
-            there: list[Any] = [(s_i[:, None], None, None) for s_i in around]
+            around, after = _positions(home, sites, self.dx_over_h, exactly)
+            there: list[Any] = [(s_i[:, None], None) for s_i in around]
             if after is not None:
                 there = [
-                    (a[:, None], b[:, None], np.abs(b[:, None]) * EDGE)
+                    (a[:, None], wanted(number, b[:, None]))
                     for a, b in zip(around, after, strict=True)
                 ]
-            origin = [(np.zeros((1, 1)), None, None)] * self.dim
-            hi, lo = summed(arithmetic_for(extended, errors), origin, there, kernel)
-            error = lo
+            hi, more = summed(number, [(np.zeros((1, 1)), None)] * self.dim, there, kernel)
         return Neighbourhood(
             offset=s[:, :, None],
             volume=hi,
             target=target,
-            offset_low=rest if extended else None,
-            volume_low=lo if extended else None,
-            offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
-            volume_error=error if errors else None,
+            beside=None if low is None else Beside(wanted(number, low[:, :, None]), more),
         )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
@@ -152,10 +120,7 @@ def lattice(
     """
     if dim not in DEFAULT:
         raise ValueError(f"dim: got {dim!r}, expected 1, 2 or 3")
-    kind = DEFAULT[dim] if kind is None else kind
-    names = [name for name, data in KINDS.items() if data.dim == dim]
-    if kind not in names:
-        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    kind = lattice_of(dim, kind, volume)
     ratio = exact(dx_over_h, "dx_over_h")
     if not 0 < ratio <= 2**20 or ratio < Fraction(1, 2**40):
         raise ValueError(
@@ -171,11 +136,9 @@ def lattice(
     shift = tuple(exact(value, "offset") for value in values)
     if any(abs(s) > MOST_INDICES for s in shift):
         raise ValueError("offset: expected a few particle spacings at most")
-    if volume not in VOLUMES or (volume == "cell" and dim > 1):
-        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
     extent = {1: 10**6, 2: 10**4, 3: 10**3}[dim] if extent is None else extent
     _whole("extent", extent, 1, MOST_INDICES)
-    return Lattice(kind, ratio, shift, volume, int(extent))
+    return Lattice(kind, ratio, shift, volume, extent=int(extent))
 
 
 def beside_wall(
@@ -207,14 +170,13 @@ def beside_wall(
         )
     place = None if at is None else exact(PLACES.get(str(at), at), "wall-at")
     wall = Wall(exact(eta, "wall"), place, ghosts, exact(weight or "1/2", "wall-weight"))
-    offset, _ = wall.placed(scene.kind, scene.dx_over_h, scene.offset)
-    return replace(scene, offset=offset, wall=replace(wall, at=None))
+    return scene.beside(wall)
 
 
 # --------------------------------------------------------------------------------------- the parts
 
 
-def _on_wall(lattice: Lattice, m: Indices) -> NDArray[np.bool_]:
+def _on_wall(lattice: Arrangement, m: Indices) -> NDArray[np.bool_]:
     phase = lattice.wall_phase
     on: NDArray[np.bool_] = m[0] == -phase if phase.denominator == 1 else np.zeros(m.shape[1], bool)
     return on
@@ -225,19 +187,18 @@ def _cut(
     wall: Wall,
     target: Indices,
     kernel: Kernel,
-    extended: bool,
-    errors: bool,
+    number: Any,
     reach: int,
 ) -> Neighbourhood:
     """The stencil on the fluid's side of a wall, (d, N, 1), and behind it the ghosts."""
-    wall.require_seen(lattice.kind, lattice.dx_over_h, lattice.offset, fraction(kernel.support))
+    lattice.require_seen(fraction(kernel.support))
     m = _stencil(lattice, kernel, reach=reach)
-    wide, edge = extended or errors, -lattice.wall_phase
+    wide, edge = number.wide or number.bounded, -lattice.wall_phase
     here = _positions(lattice, m, lattice.dx_over_h, wide)
     parts, images, on_wall = [here], [here], [_on_wall(lattice, m)]
     mirrored = wall.ghosts in ("mirror", "odd")
     shift = 2 * wall.eta / lattice.dx_over_h if mirrored else Fraction(0)
-    there = replace(lattice, offset=(lattice.offset[0] + shift, *lattice.offset[1:]), wall=None)
+    there = lattice.seen_from((lattice.offset[0] + shift, *lattice.offset[1:]))
     radius = reach * float(kernel.support) / float(lattice.dx_over_h)
     others = _cached_sites(lattice.kind, radius, there.offset, 0.0)
     others = others[:, others[0] >= edge if mirrored else others[0] < edge]
@@ -251,7 +212,6 @@ def _cut(
                 low[0] *= -1.0
         parts.append((s, low))
     s, low = _joined(parts)
-    rest = None if low is None else low[:, :, None]
     cell = lattice.dx_over_h**lattice.dim
     volumes = np.array([dd_from_ratio(*v.as_integer_ratio()) for v in (cell, cell * wall.share)])
     volume, volume_low = volumes[np.concatenate(on_wall).astype(np.intp)].T[:, :, None]
@@ -264,21 +224,18 @@ def _cut(
         )
         if mirrored:
             image, below = _joined(images)
-            side = None if below is None else below[0][:, None]
             ghosts = replace(
                 ghosts,
                 image=image[0][:, None],
-                image_low=side if extended else None,
-                image_error=np.abs(side) * EDGE if errors and side is not None else None,
+                beside=None if below is None else wanted(number, below[0][:, None]),
             )
     return Neighbourhood(
         offset=s[:, :, None],
         volume=volume,
         target=target,
-        offset_low=rest if extended else None,
-        volume_low=volume_low if extended else None,
-        offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
-        volume_error=np.abs(volume_low) * EDGE if errors else None,
+        beside=None
+        if low is None
+        else Beside(wanted(number, low[:, :, None]), wanted(number, volume_low)),
         ghosts=ghosts,
     )
 
@@ -300,14 +257,14 @@ def _whole(name: str, value: object, low: int, high: int) -> None:
 
 
 def _stencil(
-    lattice: Lattice, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
+    lattice: Arrangement, kernel: Kernel, slack: float = 0.0, margin: float = 0.0, reach: int = 1
 ) -> Indices:
     """Sites that may come within reach·κh (+ margin·Δx) of the target, (d, N)."""
     radius = reach * float(kernel.support) / float(lattice.dx_over_h) + margin
     found = _cached_sites(lattice.kind, radius, lattice.offset, slack)
     if lattice.wall is not None:
         found = found[:, found[0] >= -lattice.wall_phase]
-    if not slack and not _any_inside(lattice, found, kernel):
+    if not slack and not _any_inside(lattice, found, fraction(kernel.support)):
         raise ValueError(
             f"dx_over_h: at Δx/h = {float(lattice.dx_over_h):g} no neighbour lies within the"
             f" support of {float(kernel.support):g} h; did you mean h/Δx?"
@@ -315,13 +272,14 @@ def _stencil(
     return found
 
 
-def _any_inside(lattice: Lattice, m: Indices, kernel: Kernel) -> bool:
+def _any_inside(lattice: Arrangement, m: Indices, support: Fraction) -> bool:
     """At least one particle, not at the target, strictly inside the support."""
-    if m.shape[1] > 1000:
+    place = _positions(lattice, m, lattice.dx_over_h)[0]
+    square = (place * place).sum(axis=0) / float(support) ** 2
+    if np.any((square > 1e-9) & (square < 1 - 1e-9)):  # far beyond rounding
         return True
     position = _exact_positions(lattice, m) * lattice.dx_over_h
-    square = (position * position).sum(axis=0)
-    return any(0 < r2 < fraction(kernel.support) ** 2 for r2 in square)
+    return any(0 < r2 < support**2 for r2 in (position * position).sum(axis=0))
 
 
 @lru_cache(maxsize=16)
@@ -330,7 +288,7 @@ def _cached_sites(kind: str, radius: float, offset: tuple[Fraction, ...], slack:
 
 
 def _positions(
-    lattice: Lattice, m: Indices, scale: Fraction, extended: bool = False
+    lattice: Arrangement, m: Indices, scale: Fraction, extended: bool = False
 ) -> tuple[Array, Array | None]:
     """(m·unit + offset)·scale along each axis, (d, N), correctly rounded; with the rest if asked
     for. Each is a ratio of integers, found once per coordinate and axis."""
@@ -351,7 +309,7 @@ def _positions(
     return np.stack(high), np.stack(low) if extended else None
 
 
-def _exact_positions(lattice: Lattice, m: Indices) -> NDArray[Any]:
+def _exact_positions(lattice: Arrangement, m: Indices) -> NDArray[Any]:
     """m·unit + offset, (d, N), as Fractions (irrational units to 256 bits)."""
     return np.array(
         [

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.plain import PLAIN
+from sphtrunc.arithmetic.precision import for_volumes
 from sphtrunc.arithmetic.rational import fraction, fractions
 from sphtrunc.arithmetic.summation import (
     TINY,
@@ -23,12 +24,12 @@ from sphtrunc.arithmetic.summation import (
     two_sum,
 )
 from sphtrunc.kernels.values import kernel_values
-from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
+from sphtrunc.operators.h_rules import RULES
+from sphtrunc.scenes.neighbourhood import EDGE, Beside, Indices, Neighbourhood
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
-MODES = ("gather", "scatter", "mean")
 _PLAIN = 128  # 2^±128: cubes of such lengths are far from the ends of the range
 
 
@@ -142,7 +143,7 @@ class Particles:
                     f" {reach:g}: a particle would meet its own image"
                 )
         h = self.h[target]
-        if self.mode == "scatter":
+        if self.mode in ("scatter", "mean-kernel"):
             h = np.full_like(h, self.h.max())
         elif self.mode == "mean":
             h = 0.5 * (h + self.h.max())
@@ -165,43 +166,37 @@ class Particles:
             hi, lo = dd_add((hi, lo), two_product(-turns, np.full_like(hi, box)))
         return hi, lo
 
-    def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
-    ) -> Neighbourhood:
+    def neighbourhood(self, target: Indices, kernel: Kernel, number: Any = PLAIN) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), in the order of the particles."""
-        block = self.around(target, kernel, extended, errors)
+        block = self.around(target, kernel, number)
         particle, h = block.particle, self.h[target]
         assert particle is not None
-        v_low = np.zeros(particle.shape)
+        more = np.zeros(particle.shape)
         if self.given is not None:
             v = self.given[particle]
         elif self.volume == "cell":
             v = self._cells()[particle]
         else:
-            volume, more = self._summed(kernel, extended, errors)
-            v, v_low = volume[particle], more[particle]
-        v, v_low = (np.where(particle < 0, 0.0, x) for x in (v, v_low))
-        v_error = v_low
+            volume, rest = self._summed(kernel, number)
+            v, more = volume[particle], rest[particle]
+        v, more = (np.where(particle < 0, 0.0, x) for x in (v, more))
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(self.dim):
-                if extended:
-                    v, v_low = dd_div((v, v_low), dd(np.broadcast_to(h, v.shape)))
+                if number.wide:
+                    v, more = dd_div((v, more), dd(np.broadcast_to(h, v.shape)))
                 else:
-                    v, v_error = v / h, v_error / h
+                    v, more = v / h, more / h
         if not np.all(v < 1e100):
             raise ValueError(
                 f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
             )
-        return replace(
-            block,
-            volume=v,
-            volume_low=v_low if extended else None,
-            volume_error=(v_error + (self.dim + 3) * UNIT * v) * EDGE if errors else None,
-        )
+        if block.beside is None:
+            return replace(block, volume=v)
+        if number.bounded:
+            more = (more + (self.dim + 3) * UNIT * v) * EDGE
+        return replace(block, volume=v, beside=block.beside._replace(volume=more))
 
-    def around(
-        self, target: Indices, kernel: Kernel, extended: bool = False, errors: bool = False
-    ) -> Neighbourhood:
+    def around(self, target: Indices, kernel: Kernel, number: Any = PLAIN) -> Neighbourhood:
         """The neighbours of the targets without their volumes, whatever the kernel but its support:
         (d, N, T) as `neighbourhood`."""
         lists = self._neighbours(target, kernel)
@@ -217,7 +212,7 @@ class Particles:
         offset, low = [], []
         for axis in range(self.dim):
             hi, lo = self._difference(particle, target, axis)
-            if extended:
+            if number.wide:
                 hi, lo = dd_div((hi, lo), dd(np.broadcast_to(h, hi.shape)))
                 low.append(np.where(absent, 0.0, lo))
             else:
@@ -226,25 +221,29 @@ class Particles:
             offset.append(hi)
         s = np.stack(offset)
         stretch: Array | None = None
-        stretch_low: Array | None = None
+        more: Array | None = None
         if not self.one_h:
             h_b = self.h[particle]
-            both = dd(h_b) if self.mode == "scatter" else two_sum(0.5 * h, 0.5 * h_b)
+            both = two_sum(0.5 * h, 0.5 * h_b) if self.mode == "mean" else dd(h_b)
             stretch = h / both[0]
-            if extended:
-                stretch, stretch_low = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
-        rounded = (2.0 + 1e-9) * UNIT  # a difference or a sum, and a quotient
+            if number.wide:
+                stretch, more = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
+        beside, none = None, np.zeros((1, 1))
+        if number.wide:
+            beside = Beside(np.stack(low), none, more)
+        elif number.bounded:
+            rounded = (2.0 + 1e-9) * UNIT  # a difference or a sum, and a quotient
+            more = None if stretch is None else rounded * stretch
+            beside = Beside(rounded * np.abs(s), none, more)
         return Neighbourhood(
             offset=s,
             volume=np.zeros((1, 1)),
             target=target,
             particle=particle,
             stretch=stretch,
+            mean_kernel=self.mode == "mean-kernel",
             h=h,
-            offset_low=np.stack(low) if extended else None,
-            stretch_low=stretch_low,
-            offset_error=rounded * np.abs(s) if errors else None,
-            stretch_error=rounded * stretch if errors and stretch is not None else None,
+            beside=beside,
         )
 
     def _cells(self) -> Array:
@@ -267,27 +266,24 @@ class Particles:
             self._trees["cells"] = volume
         return np.asarray(self._trees["cells"])
 
-    def _summed(
-        self, kernel: Kernel, extended: bool = False, errors: bool = False
-    ) -> tuple[Array, Array]:
-        """m_a/ρ_a, ρ_a = Σ_b m_b W(x_b − x_a, h_ab), and what the arithmetic holds beside it, (n,):
-        for all particles, once for a kernel."""
-        name = f"summed {extended} {errors}"
+    def _summed(self, kernel: Kernel, number: Any = PLAIN) -> tuple[Array, Array]:
+        """m_a/ρ_a, ρ_a = Σ_b m_b W(x_b − x_a, h_ab), and what is wanted beside it, (n,): for all
+        particles, once for a kernel."""
+        number = for_volumes(number)
+        name = f"summed {type(number).__name__}"
         if self._trees.get(f"{name} for") != kernel:
-            number = arithmetic_for(extended, errors)
             volume, rest = np.empty((2, self.population))
             for first in range(0, self.population, 256):
                 target = np.arange(first, min(first + 256, self.population), dtype=np.int64)
-                block = self.around(target, kernel, extended, errors)
+                block = self.around(target, kernel, number)
                 assert block.particle is not None
                 mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
-                q, stretch = number.length(block.offsets(number)), block.stretches(number)
-                terms = kernel_values(
-                    number, kernel, q if stretch is None else q * stretch, 0, self.dim
-                )
-                terms = terms * number.number(mass)
-                for _ in range(0 if stretch is None else self.dim):
-                    terms = terms * stretch
+                q, weight = number.length(block.offsets(number)), number.number(mass)
+                each = [
+                    _density_terms(number, kernel, q, weight, one, self.dim)
+                    for one in block.stretches(number)
+                ]
+                terms = each[0] if len(each) == 1 else (each[0] + each[1]) * 0.5
                 density = number.total(terms)  # h_a^d ρ_a
                 size = number.value(density)
                 if not np.all(size > 0):
@@ -317,9 +313,9 @@ class Particles:
     def _exactly(self, target: int, kernel: Kernel, reach: int) -> tuple[Any, Any, Any, Indices]:
         found = self._neighbours(np.array([target]), kernel, reach)
         near = np.array(found[0], dtype=np.int64)
-        x, own = fractions(self.x[:, near]), fractions(self.x[:, target])
+        x, place = fractions(self.x[:, near]), fractions(self.x[:, target])
         h, h_b = fractions(self.h[target][None])[0], fractions(self.h[near])
-        offset = x - own[:, None]
+        offset = x - place[:, None]
         if self.period is not None:
             for axis in np.flatnonzero(np.isfinite(self.period)):
                 box = fractions(self.period[axis][None])[0]
@@ -327,11 +323,21 @@ class Particles:
         offset = offset / h
         v = self.given if self.given is not None else self._cells()
         volume = fractions(v[near]) / h**self.dim
-        stretch = h / {"gather": 0 * h_b + h, "scatter": h_b, "mean": (h + h_b) / 2}[self.mode]
-        inside = (offset * offset).sum(axis=0) * stretch**2 <= (
-            reach * fraction(kernel.support)
-        ) ** 2
+        own = 0 * h_b + h
+        stretch = h / {"gather": own, "mean": (h + h_b) / 2}.get(self.mode, h_b)
+        square, most = (offset * offset).sum(axis=0), (reach * fraction(kernel.support)) ** 2
+        inside = square * stretch**2 <= most
+        if self.mode == "mean-kernel":
+            inside |= square <= most
         return offset[:, inside], volume[inside], stretch[inside], near[inside]
+
+
+def _density_terms(number: Any, kernel: Kernel, q: Any, mass: Any, stretch: Any, dim: int) -> Any:
+    """m_b Ŵ with h_a/h = stretch, times h_a^d."""
+    terms = kernel_values(number, kernel, q if stretch is None else q * stretch, 0, dim) * mass
+    for _ in range(0 if stretch is None else dim):
+        terms = terms * stretch
+    return terms
 
 
 def particles(
@@ -352,7 +358,8 @@ def particles(
         With mass and density instead, m/ρ; with mass alone, "summation".
     period: lengths of a periodic box, one number or d of them, inf along axes that are open; None
         for free particles.
-    mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2.
+    mode: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2; "mean-kernel"
+        the mean of the kernels of h_a and of h_b.
 
     Integers and single precision are taken as the numbers that they are. Raises ValueError for
     wrong shapes, NaN, infinities, and for lengths, volumes, masses that are not positive.
@@ -368,8 +375,8 @@ def particles(
     if n == 0:
         raise ValueError("x: got no particles, expected at least one")
     lengths = _per_particle("h", h, n)
-    if mode not in MODES:
-        raise ValueError(f"mode: got {mode!r}, expected one of {', '.join(MODES)}")
+    if mode not in RULES:
+        raise ValueError(f"mode: got {mode!r}, expected one of {', '.join(RULES)}")
     if volume is not None and (mass is not None or density is not None):
         raise ValueError("volume: got a volume and mass or density; expected one or the other")
     if density is not None and mass is None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sphtrunc.scenes import random_numbers as jitter
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices as Indices
-from sphtrunc.scenes.sites import in_pairs
 
 if TYPE_CHECKING:
     from sphtrunc.scenes.particles import Particles
@@ -24,14 +24,7 @@ Scene: TypeAlias = "Lattice | Jittered | Graded | Particles | Sloped | Probes"
 
 def paired(scene: Scene) -> bool:
     """The neighbours of every target lie at ±s."""
-    home: Any = getattr(scene, "lattice", scene)
-    still = not getattr(scene, "sigma", 0.0)
-    return (
-        isinstance(home, Lattice)
-        and home.wall is None
-        and still
-        and in_pairs(home.kind, home.offset)
-    )
+    return isinstance(scene, Arrangement) and scene.paired
 
 
 def sample(scene: Scene, first: int, last: int, seed: int) -> Indices:

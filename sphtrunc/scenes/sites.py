@@ -109,6 +109,20 @@ KINDS: dict[str, Kind] = {
     ),
 }
 DEFAULT = {1: "uniform", 2: "square", 3: "cubic"}
+VOLUMES = ("constant", "cell", "summation")
+
+
+def lattice_of(dim: int, kind: str | None, volume: str = "constant") -> str:
+    """The lattice of that name, by default the simplest of its dimension.
+
+    Raises ValueError for one of another dimension, and for volumes that it cannot have.
+    """
+    names = [name for name, data in KINDS.items() if data.dim == dim]
+    if kind is not None and kind not in names:
+        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
+    if volume not in VOLUMES or (volume == "cell" and dim > 1):
+        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
+    return DEFAULT[dim] if kind is None else kind
 
 
 def in_pairs(kind: str, offset: Sequence[Any]) -> bool:

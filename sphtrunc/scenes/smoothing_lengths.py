@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import (
     UNIT,
@@ -26,12 +27,11 @@ from sphtrunc.arithmetic.summation import (
     dd_from_ratio,
     dd_mul,
 )
-from sphtrunc.operators.h_rules import require_support, slope_share
+from sphtrunc.operators.h_rules import require_rule, require_support, slope_share
 from sphtrunc.scenes.graded import Graded
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
-from sphtrunc.scenes.particles import MODES
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 class Sloped:
     """A scene whose smoothing length is h = h_a (1 + g·s). Made by `sloped`.
 
-    gradient: g along each axis; rule: whose h a pair takes, "gather", "scatter" or "mean"
+    gradient: g along each axis; rule: whose h a pair takes, of `sphtrunc.operators.h_rules`
     """
 
     base: Lattice | Jittered | Graded
@@ -90,15 +90,14 @@ class Sloped:
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """The neighbours of the scene, with h_a/h_ab beside each."""
-        block = self.base.neighbourhood(
-            target, kernel, extended=extended, errors=errors, reach=reach * self.reach(kernel)
-        )
+        wider = reach * self.reach(kernel)
+        block = self.base.neighbourhood(target, kernel, number, reach=wider)
+        beside = block.beside
         length = np.ones(block.offset.shape[1:])
         wide: DoubleDouble = dd(length)
         error = np.zeros_like(length)
@@ -109,27 +108,30 @@ class Sloped:
             s = block.offset[axis]
             length = length + high * s
             error += abs(high) * (4.0 * UNIT * np.abs(s))
-            if block.offset_error is not None:
-                error += abs(high) * block.offset_error[axis]
-            if extended:
-                rest = np.zeros_like(s) if block.offset_low is None else block.offset_low[axis]
+            if number.bounded and beside is not None:
+                error += abs(high) * beside.offset[axis]
+            if number.wide and beside is not None:
                 steep = (np.full_like(s, high), np.full_like(s, low))
-                wide = dd_add(wide, dd_mul(steep, (s, rest)))
+                wide = dd_add(wide, dd_mul(steep, (s, beside.offset[axis])))
         # where h falls to 0 is beyond any support: the offset itself says so
         inside = length > 0.5 * UNIT
         length = np.where(inside, length, 1.0)
-        stretch, stretch_low = 1.0 / length, None
-        if extended:
+        stretch, more = 1.0 / length, None
+        if number.wide:
             high_part, low_part = (
                 np.where(inside, part, value) for part, value in zip(wide, (1.0, 0.0), strict=True)
             )
-            stretch, stretch_low = dd_div(dd(np.ones_like(length)), (high_part, low_part))
-        bound = None
-        if errors:
+            stretch, more = dd_div(dd(np.ones_like(length)), (high_part, low_part))
+        elif number.bounded:
             off = error + (self.dim + 1.0) * UNIT * np.abs(length)
             room = np.maximum(length - off, UNIT * length)
-            bound = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
-        return replace(block, stretch=stretch, stretch_low=stretch_low, stretch_error=bound)
+            more = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
+        return replace(
+            block,
+            stretch=stretch,
+            mean_kernel=self.rule == "mean-kernel",
+            beside=None if beside is None else beside._replace(stretch=more),
+        )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -148,6 +150,8 @@ class Sloped:
         square = (offset * offset).sum(axis=0)
         most = (reach * fraction(kernel.support)) ** 2
         near = np.array([h > 0 and q <= most * h * h for h, q in zip(length, square, strict=True)])
+        if self.rule == "mean-kernel":
+            near |= square <= most
         return offset[:, near], volume[near], 1 / length[near]
 
 
@@ -156,15 +160,12 @@ def sloped(scene: Lattice | Jittered | Graded, gradient: object, rule: str = "sc
 
     gradient: g = dh/dx, one number (along the first axis) or d of them, taken exactly: write
         Fractions or "1/5"
-    rule: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2
+    rule: whose h a pair takes: "gather" h_a, "scatter" h_b, "mean" (h_a + h_b)/2; "mean-kernel" the
+        mean of the kernels of h_a and of h_b
 
     Raises ValueError for a rule that is unknown, and volumes by summation, whose h would vary too.
     """
-    if rule not in MODES:
-        raise ValueError(
-            f"h-rule: got {rule!r}, expected one of {', '.join(MODES)}; what the mean of two"
-            " kernels gives is the mean of gather and scatter"
-        )
+    require_rule(rule)
     if not isinstance(scene, (Lattice, Jittered, Graded)):
         raise ValueError("h-gradient: particles have an h each; expected a lattice or graded scene")
     if scene.volume == "summation":

@@ -19,8 +19,8 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import MultiIndex, label
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.graded import Graded
-from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.scene import Scene
 from sphtrunc.scenes.smoothing_lengths import Sloped
@@ -30,7 +30,6 @@ from sphtrunc.study.structure import (
     predict_by_structure,
     require_theory,
 )
-from sphtrunc.theory.disorder.beside_wall import predict_beside_wall
 from sphtrunc.theory.disorder.prediction import Prediction, percent, predict
 from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
@@ -39,19 +38,13 @@ from sphtrunc.theory.variable_h.graded_spacing import graded_moments
 from sphtrunc.theory.variable_h.scenes import predict_varying
 
 
-def rule(scene: Scene) -> tuple[Lattice, float, str]:
-    """(lattice, σ/Δx, distribution) of a scene that the theory covers.
+def of_lattice(scene: Scene) -> Arrangement:
+    """The scene, which is a lattice, displaced or not.
 
-    Raises ValueError, saying so, for graded spacing: there is no theory.
+    Raises ValueError, saying so, where there is no theory.
     """
-    if getattr(getattr(scene, "lattice", scene), "wall", None) is not None:
-        raise ValueError(
-            "scene: beside a wall there is theory for moments, not for fields; expected no wall"
-        )
-    if isinstance(scene, Jittered):
-        return scene.lattice, scene.sigma, scene.distribution
-    if isinstance(scene, Lattice):
-        return scene, 0.0, "gaussian"
+    if isinstance(scene, Arrangement):
+        return scene
     if isinstance(scene, Sloped):
         raise ValueError(
             "scene: with a gradient of h there is theory for moments, not for fields; expected"
@@ -70,21 +63,8 @@ def predict_moments(
 
     From the structure factor for explicit particles, and for targets that are not particles.
 
-    Raises ValueError where there is no theory: see `rule` and `structure`.
+    Raises ValueError where there is no theory: see `of_lattice` and `structure`.
     """
-    home = getattr(scene, "lattice", scene)
-    if isinstance(home, Lattice) and home.wall is not None:
-        return predict_beside_wall(
-            parse_kernel(kernel),
-            operator,
-            home.kind,
-            home.dx_over_h,
-            home.offset,
-            home.wall,
-            sigma=getattr(scene, "sigma", 0.0),
-            distribution=getattr(scene, "distribution", "gaussian"),
-            degree=degree,
-        )
     if by_structure(scene):
         return predict_by_structure(scene, kernel, operator, degree)
     if isinstance(scene, Sloped):
@@ -95,18 +75,7 @@ def predict_moments(
         exact = operator.consistency  # up to this degree every row is the same but for rounding
         std = {a: float(np.std([row[a] for row in rows])) * (a[0] > exact) for a in rows[0]}
         return Prediction(0.0, "gaussian", mean, std, "local spacing, to first order in its slope")
-    lattice, sigma, distribution = rule(scene)
-    return predict(
-        parse_kernel(kernel),
-        operator,
-        lattice.kind,
-        lattice.dx_over_h,
-        lattice.offset,
-        sigma=sigma,
-        distribution=distribution,
-        volume=lattice.volume,
-        degree=degree,
-    )
+    return predict(parse_kernel(kernel), operator, of_lattice(scene), degree=degree)
 
 
 def _graded(
@@ -164,23 +133,12 @@ def _graded_error(
 def _predict_sloped(
     scene: Sloped, kernel: Kernel | Gaussian, operator: Operator, degree: int
 ) -> Prediction:
-    lattice, sigma, distribution = rule(scene.base)
-    if not isinstance(kernel, Kernel) or lattice.volume != "constant" or any(lattice.offset):
+    if not isinstance(kernel, Kernel):
         raise ValueError(
-            "scene: with a gradient of h there is theory for constant volumes, targets that are"
-            " particles, and kernels that are polynomials"
+            f"scene: with a gradient of h there is theory for polynomials, {kernel.name} is none"
         )
-    return predict_varying(
-        kernel,
-        operator,
-        lattice.kind,
-        lattice.dx_over_h,
-        scene.gradient,
-        scene.rule,
-        sigma=sigma,
-        distribution=distribution,
-        degree=degree,
-    )
+    base = of_lattice(scene.base)
+    return predict_varying(kernel, operator, base, scene.gradient, scene.rule, degree=degree)
 
 
 @dataclass(frozen=True)
@@ -286,19 +244,7 @@ def predict_error(
         return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
-    lattice, sigma, distribution = rule(scene)
-    return predict_fields(
-        kernel,
-        operator,
-        lattice.kind,
-        lattice.dx_over_h,
-        lattice.offset,
-        signals,
-        sigma=sigma,
-        distribution=distribution,
-        volume=lattice.volume,
-        precision=precision,
-    )[0]
+    return predict_fields(kernel, operator, of_lattice(scene), signals, precision=precision)[0]
 
 
 def beside(

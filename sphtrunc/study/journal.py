@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from pathlib import Path
 from typing import Any
 
+from sphtrunc.output import digest
+
 Row = dict[str, Any]
-
-
-def digest(settings: dict[str, Any]) -> str:
-    """A fingerprint of settings."""
-    text = json.dumps(settings, sort_keys=True, ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Journal:

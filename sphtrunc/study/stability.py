@@ -292,8 +292,8 @@ def _refine(start: Array, function: Callable[[Any], Array], kind: str) -> tuple[
 
 
 def _parabola(moves: Array, values: Array) -> Array:
-    """Where the parabola through the values at the 3^d `moves` is least, at most `_FAR` away, (1, d);
-    across a saddle, downhill on either side of it."""
+    """Where the parabola through the values at the 3^d `moves` is least, `_FAR` away at most,
+    (1, d); across a saddle, downhill on either side of it."""
     dim = moves.shape[1]
     pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
     square = np.array([moves[:, i] * moves[:, j] for i, j in pairs]).T
@@ -330,7 +330,9 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     for branch in branches_of(rest.dim):
         stable = [row[branch] >= 0 for row in rows]
         edges = [
-            _root(lambda r, b=branch: margins(r)[b], grid_[i : i + 2], [x[branch] for x in pair], 1e-6)
+            _root(
+                lambda r, b=branch: margins(r)[b], grid_[i : i + 2], [x[branch] for x in pair], 1e-6
+            )
             for i, pair in enumerate(pairwise(rows))
             if stable[i] != stable[i + 1]
         ]
@@ -426,6 +428,12 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
         seen = at.frequencies(waves)
         return lowest(seen, LONGITUDINAL), seen.rounding
 
+    def lowest_of(wave: int, before: float, after: float) -> tuple[float, float]:
+        """Where ω² of one wave is least between two numbers, and that."""
+        one = scan.of(scan.kappa[wave : wave + 1])
+        n = _lowest_between(lambda n: float(branch(n, one)[0][0]), before, after)
+        return n, float(branch(n, one)[0][0])
+
     def edge(before: float, count: float) -> Pairing:
         """Where the weakest wave fails between two numbers."""
         n = _root(lambda n: float(branch(n)[0].min()), (before, count))
@@ -444,15 +452,16 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
         values, rounding = branch(count)
         rows.append(values)
         for wave in _dips(rows[-3:]) if stable else ():
-            one = scan.of(scan.kappa[wave : wave + 1])
-            n = _lowest_between(lambda n: float(branch(n, one)[0][0]), steps[i - 2], count)
-            if branch(n, one)[0][0] < -rounding:
+            n, value = lowest_of(wave, steps[i - 2], count)
+            if value < -rounding:
                 return edge(steps[i - 2], n)
         if stable and values.min() < -rounding:
             return edge(steps[i - 1], count)
         stable |= bool(values.min() > rounding)
         never &= bool(values.min() < -rounding)
-    return found(steps[0], int(rows[0].argmin())) if never else Pairing(None, None, None, None, most)
+    return (
+        found(steps[0], int(rows[0].argmin())) if never else Pairing(None, None, None, None, most)
+    )
 
 
 def _dips(rows: Sequence[Array]) -> list[int]:
@@ -492,7 +501,9 @@ def _root(
     close: float = 4e-16,
 ) -> float:
     """The sign change between two ends, relative to `close`: secants that keep the bracket
-    (Illinois; Dowell & Jarratt 1971, doi:10.1007/BF01934364), every fourth time the middle. values: those at the ends, if known.
+    (Illinois; Dowell & Jarratt 1971, doi:10.1007/BF01934364), every fourth time the middle.
+
+    values: those at the ends, if known
     """
     (a, b), (fa, fb) = ends, values or [function(x) for x in ends]
     side = 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +11,10 @@ import numpy as np
 
 from sphtrunc.arithmetic.rational import exact
 from sphtrunc.experiment.engine import volumes
-from sphtrunc.experiment.relaxation import glass
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.kernels.parse import kernel as parse_kernel
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import Jittered
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.probes import Probes
 from sphtrunc.scenes.relaxed import Recipe
@@ -24,8 +26,11 @@ from sphtrunc.theory.disorder.structure_factor import (
     measured,
     poisson,
 )
+from sphtrunc.theory.fields import Waves
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.operators.operator import Operator
     from sphtrunc.scenes.scene import Scene
@@ -41,10 +46,8 @@ def structure_factor(scene: Scene, *, reach: float | None = None) -> StructureFa
 
     Raises ValueError for graded spacing, which is not homogeneous, and as `measured` does.
     """
-    if isinstance(scene, Jittered):
-        return displaced(scene.lattice.kind, scene.sigma, scene.distribution)
-    if isinstance(scene, Lattice):
-        return displaced(scene.kind, 0.0)
+    if isinstance(scene, Arrangement):
+        return displaced(scene.kind, scene.sigma, scene.distribution)
     if isinstance(scene, Probes):
         return structure_factor(scene.home, reach=reach)
     if not isinstance(scene, Particles):
@@ -56,6 +59,61 @@ def structure_factor(scene: Scene, *, reach: float | None = None) -> StructureFa
     return measured(scene.x, scene.period if closed else None, reach=reach)
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A part of a set whose density varies.
+
+    low, size: (d,) of the part; spacing: Δx in it, Δx^d = its volume over its particles
+    factor: S(k) there, in units of that spacing
+    """
+
+    low: NDArray[np.float64]
+    size: NDArray[np.float64]
+    spacing: float
+    factor: StructureFactor
+
+
+def local_structure(
+    scene: Particles, parts: int | Sequence[int], *, reach: float | None = None
+) -> list[Place]:
+    """S(k) in sub-boxes of particles whose density varies slowly, so many along each axis.
+
+    Particles count by their volumes, where these are given, which takes the slope of the density
+    out of S; each part is looked at through a Hann window, and S is smeared over 2π over its size:
+    it is the disorder of the part, and what is slower than that, such as a profile that the
+    particles miss, is not in it.
+
+    Raises ValueError for parts with fewer than 64 particles.
+    """
+    counts = np.broadcast_to(np.asarray(parts), (scene.dim,))
+    if counts.dtype.kind not in "iu" or not np.all(counts >= 1):
+        raise ValueError(f"local: got {parts!r}, expected how many parts along each axis")
+    x = scene.x
+    low, size = x.min(axis=1), np.ptp(x, axis=1) * (1 + 1e-12)
+    if scene.period is not None:
+        closed = np.isfinite(scene.period)
+        period = np.where(closed, scene.period, 1.0)
+        x = np.where(closed[:, None], np.mod(x, period[:, None]), x)
+        low, size = np.where(closed, 0.0, low), np.where(closed, scene.period, size)
+    size = size / counts
+    weights = np.ones(scene.population) if scene.given is None else scene.given
+    found = []
+    for index in np.ndindex(*counts.tolist()):
+        corner = low + size * index
+        s = x - corner[:, None]
+        inside = np.all((s >= 0) & (s < size[:, None]), axis=0)
+        number = int(np.count_nonzero(inside))
+        if number < _FEWEST:
+            raise ValueError(
+                f"local: a part has {number} particles, expected at least {_FEWEST}; fewer parts"
+            )
+        factor = measured(x[:, inside], volumes=weights[inside], reach=reach)
+        spacing = float(np.prod(size) / number) ** (1.0 / scene.dim)
+        found.append(Place(corner, size, spacing, factor))
+    return found
+
+
+_FEWEST = 64  # particles of a sub-box
 GLASS = {1: 1024, 2: 1024, 3: 4096}  # particles of the glass that stands for all
 STEPS = 150
 
@@ -100,7 +158,7 @@ def _described(scene: Any, kernel: Kernel) -> tuple[StructureFactor, dict[str, A
     Raises ValueError where there is no theory.
     """
     if isinstance(scene, Jittered):
-        ratio, volume = float(scene.lattice.dx_over_h), scene.volume
+        ratio, volume = float(scene.dx_over_h), scene.volume
         return structure_factor(scene), {"dx_over_h": ratio, "volume": volume, "at": "random"}
     require_theory(scene)
     at = "random" if isinstance(scene, Probes) else "particles"
@@ -158,3 +216,12 @@ def errors_by_structure(
     return predict_errors_from(
         shape, operator, factor, signals=signals, precision=precision, **options
     )
+
+
+def waves_by_structure(
+    scene: Scene, kernel: Kernel | str, operator: Operator, h_over_lambda: Sequence[float]
+) -> list[Split]:
+    """The predicted error for sinusoids along the first axis, one for every h/λ."""
+    kappa = 2 * np.pi * np.asarray(h_over_lambda, dtype=np.float64)
+    signals = Waves(kappa, np.eye(scene.dim)[0])
+    return errors_by_structure(scene, kernel, operator, signals)

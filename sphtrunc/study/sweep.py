@@ -11,37 +11,43 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from sphtrunc.arithmetic.rational import fraction
+from sphtrunc.kernels.parse import definition
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
-from sphtrunc.output import write_atomically
-from sphtrunc.study.journal import Journal, Row, digest
+from sphtrunc.output import digest, write_atomically
+from sphtrunc.study.executors import results
+from sphtrunc.study.journal import Journal, Row
 from sphtrunc.version import __version__
 
 #: options that may be lists, in the order in which they vary (the last one fastest); their default
 AXES: dict[str, str] = {
     "kernel": "cubic-spline",
     "dim": "1",
+    "particles": "",
     "lattice": "",
     "dx-over-h": "1/2",
     "offset": "0",
     "jitter": "0",
     "distribution": "gaussian",
     "volume": "constant",
+    "wall": "",
+    "wall-at": "",
+    "wall-weight": "",
+    "ghosts": "none",
     "operator": "gradient",
     "form": "",
     "correction": "none",
     "h-over-lambda": "0.01",
 }
-NUMERIC = ("dx-over-h", "offset", "jitter", "h-over-lambda")
+NUMERIC = ("dx-over-h", "offset", "jitter", "wall", "h-over-lambda")
 _SCENE = tuple(AXES)[: tuple(AXES).index("operator")]
 FIGURES = ("targets", "pairs", "flagged", "rms", "rms_low", "rms_high", "p50", "p99", "max")
 THEORY = ("predicted", "smoothing", "discretisation", "disorder", "rounding")
@@ -103,7 +109,7 @@ class Study:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the result depends on."""
-        kernels = [_definition(name) for name in self.axes["kernel"]]
+        kernels = [definition(name) for name in self.axes["kernel"]]
         return {
             "axes": {name: list(values) for name, values in self.axes.items()},
             "kernels": kernels,
@@ -131,15 +137,6 @@ class Study:
             {"scene": dict(zip(_SCENE, values, strict=True)), **rest, **shared}
             for values in product(*(self.axes[name] for name in _SCENE))
         ]
-
-
-def _definition(name: str) -> list[Any]:
-    """What a kernel is, not how it was called: its file may change."""
-    kernel = parse_kernel(name)
-    knots = [str(k) for k in kernel.knots]
-    coefficients = getattr(kernel, "coefficients", None)
-    pieces = [] if coefficients is None else coefficients()
-    return [kernel.name, knots, [[str(c) for c in piece] for piece in pieces]]
 
 
 def operator_of(name: str, form: str, correction: str) -> Operator:
@@ -203,12 +200,14 @@ def _float(text: str, exact: Callable[[object, str], Any]) -> float:
 def scene_of(given: Mapping[str, str], seed: int) -> Any:
     """The scene that the texts of one group describe."""
     from sphtrunc.scenes.jittered import jittered
-    from sphtrunc.scenes.lattice import lattice
+    from sphtrunc.scenes.lattice import beside_wall, lattice
     from sphtrunc.scenes.random_numbers import MOST_INDICES
 
     if given["dim"] not in ("1", "2", "3"):
         raise ValueError(f"dim: got {given['dim'][:20]!r}, expected 1, 2 or 3")
     dim = int(given["dim"])
+    if given["particles"]:
+        return _relaxed(given, dim)
     extent = MOST_INDICES if dim == 1 else 1000
     offset = given["offset"].split() if " " in given["offset"] else given["offset"]
     made = lattice(
@@ -219,9 +218,46 @@ def scene_of(given: Mapping[str, str], seed: int) -> Any:
         volume=given["volume"],
         extent=extent,
     )
+    if given["wall"]:
+        made = beside_wall(
+            made,
+            _number(given["wall"]),
+            at=given["wall-at"] or None,
+            ghosts=given["ghosts"],
+            weight=given["wall-weight"] or None,
+        )
+    elif given["wall-at"] or given["wall-weight"] or given["ghosts"] != "none":
+        raise ValueError(
+            "wall-at, wall-weight, ghosts: need a wall; expected distances of --wall as well"
+        )
     if float(_number(given["jitter"])) == 0.0:
         return made
     return jittered(made, _number(given["jitter"]), given["distribution"], seed)
+
+
+def _relaxed(given: Mapping[str, str], dim: int) -> Any:
+    """A glass by its recipe, with h such that Δx/h is what is asked for."""
+    from dataclasses import replace
+
+    from sphtrunc.arithmetic.rational import exact
+    from sphtrunc.experiment.glasses import glass
+    from sphtrunc.experiment.relaxation import with_h
+    from sphtrunc.scenes.relaxed import recipe
+
+    free = ("kernel", "dim", "particles", "dx-over-h", "volume")
+    for name in _SCENE:
+        if name not in free and given[name] != AXES[name]:
+            raise ValueError(f"{name}: belongs to a lattice; of particles expected none")
+    made = recipe(given["particles"], dim)
+    if made.dim != dim:
+        raise ValueError(f"dim: got {dim}, and {given['particles'][:60]} is {made.dim}D")
+    ratio = exact(_number(given["dx-over-h"]), "dx-over-h")
+    if not ratio > 0:
+        raise ValueError(f"dx-over-h: got {given['dx-over-h'][:40]}, expected a positive number")
+    scene = with_h(glass(made).particles, 1.0 / float(ratio))
+    if given["volume"] != "constant":
+        scene = replace(scene, given=None, volume=given["volume"], _trees={})
+    return scene
 
 
 def _number(text: str) -> Any:
@@ -239,9 +275,12 @@ def check(groups: Sequence[Group]) -> None:
     for group in groups:
         scene = scene_of(group["scene"], group["seed"])
         kernel = parse_kernel(group["scene"]["kernel"])
-        home = getattr(scene, "lattice", scene)
-        if float(home.dx_over_h) > 0.5 * float(kernel.support):
-            home.rows(kernel)  # there may be no neighbour
+        if group["scene"]["particles"]:
+            scene.rows(kernel)  # the box may be too small
+            continue
+        scene.require_seen(fraction(kernel.support))
+        if float(scene.dx_over_h) > 0.5 * float(kernel.support) or scene.wall is not None:
+            (scene.lattice if scene.sigma else scene).rows(kernel)  # there may be no neighbour
     for text in groups[0]["h-over-lambda"]:
         sinusoid(_number(text))
 
@@ -255,13 +294,14 @@ def run_group(group: Group) -> list[Row]:
     combinations = list(product(group["operator"], group["form"], group["correction"]))
     operators = [operator_of(*names) for names in combinations]
     lengths = [float(_number(x)) for x in group["h-over-lambda"]]
+    many = bool(group["scene"]["particles"]) or bool(scene.sigma)  # all see another thing
     table = waves(
         scene,
         kernel,
         operators,
         lengths,
         rtol=group["rtol"],
-        targets=group["targets"] if group["targets"] and hasattr(scene, "sigma") else None,
+        targets=group["targets"] if many else None,
         seed=group["seed"],
     )
     rows = []
@@ -271,7 +311,7 @@ def run_group(group: Group) -> list[Row]:
             error = one.error
             row: Row = dict(group["scene"])
             row |= {
-                "lattice": getattr(scene, "lattice", scene).kind,
+                "lattice": getattr(scene, "kind", ""),
                 "operator": operator.name,
                 "form": operator.form,
                 "correction": operator.correction,
@@ -295,20 +335,18 @@ def _theory(
     """Predicted rms errors and their parts; None where there is no theory for the scene."""
     from dataclasses import asdict
 
+    from sphtrunc.study.structure import by_structure, waves_by_structure
     from sphtrunc.theory.field_error import predict_waves
 
-    lattice = getattr(scene, "lattice", scene)
-    splits = predict_waves(
-        kernel,
-        operator,
-        lattice.kind,
-        lattice.dx_over_h,
-        lattice.offset,
-        lengths,
-        sigma=getattr(scene, "sigma", 0.0),
-        distribution=getattr(scene, "distribution", "gaussian"),
-        volume=lattice.volume,
-    )
+    try:
+        if by_structure(scene):
+            splits = waves_by_structure(scene, kernel, operator, lengths)
+        else:
+            splits = predict_waves(kernel, operator, scene, lengths)
+    except ValueError:
+        if getattr(scene, "wall", "none") is None:
+            raise
+        return None  # ghosts, short waves, forms that the structure factor does not know
     rows = []
     for split in splits:
         row = asdict(split)
@@ -351,7 +389,10 @@ def sweep(
     done: dict[int, list[Row]] = {} if journal is None else journal.done
     try:
         open_groups = [i for i in range(len(groups)) if i not in done]
-        for count, (i, rows) in enumerate(_results(groups, open_groups, executor, workers)):
+        finished = results(
+            run_group, groups.__getitem__, open_groups, executor=executor, workers=workers
+        )
+        for count, (i, rows) in enumerate(finished):
             if journal is None:
                 done[i] = rows
             else:
@@ -366,53 +407,6 @@ def sweep(
         _write(path, rows, study)
         journal.path.unlink(missing_ok=True)
     return rows
-
-
-def _results(
-    groups: Sequence[Group], wanted: Sequence[int], executor: Executor | None, workers: int
-) -> Any:
-    """(index, rows) of the groups, as they are finished."""
-    if executor is None and workers == 1:
-        for i in wanted:
-            yield i, run_group(groups[i])
-        return
-    own = executor is None
-    pool = executor or ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_leave_with, initargs=(os.getpid(),)
-    )
-    try:
-        futures = {pool.submit(run_group, groups[i]): i for i in wanted}
-        for future in as_completed(futures):
-            yield futures[future], _result(future)
-    finally:
-        if own:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _result(future: Any) -> list[Row]:
-    from concurrent.futures.process import BrokenProcessPool
-
-    try:
-        rows: list[Row] = future.result()
-    except BrokenProcessPool:
-        raise ValueError(
-            "workers: a worker process died (out of memory, or killed); the groups finished so far"
-            " are kept, repeat the command to continue"
-        ) from None
-    return rows
-
-
-def _leave_with(parent: int) -> None:
-    """In a worker: end when the process that started it is gone."""
-    import threading
-    import time
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 # ----------------------------------------------------------------------------------- the table

@@ -20,6 +20,7 @@ from sphtrunc.kernels.conventions import BALL
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import DEFAULT
 from sphtrunc.theory.disorder.sampling import ENOUGH
 from sphtrunc.theory.disorder.spectral_law import predict_errors_from
@@ -71,16 +72,15 @@ class Problem:
             return predict_errors_from(
                 kernel, self.operator, self.disorder, r, waves, at="particles"
             )
-        return predict_waves(
-            kernel,
-            self.operator,
+        return predict_waves(kernel, self.operator, self.scene(r), lengths, enough=enough)
+
+    def scene(self, r: float) -> Arrangement:
+        """The displaced lattice at Δx/h = r."""
+        return Arrangement(
             self.lattice or DEFAULT[self.dim],
             Fraction(r).limit_denominator(FINEST),
-            (Fraction(0),) * self.dim,
-            lengths,
             sigma=self.sigma,
             distribution=self.distribution,
-            enough=enough,
         )
 
     def split(
@@ -154,9 +154,7 @@ def best_at_particles(
     return _least(problem, shape, lambda r: 1 / (particles * r), _grid(problem, shape, most))
 
 
-def best_at_cost(
-    problem: Problem, kernel: Kernel | str, cost: float, most: float = inf
-) -> Setting:
+def best_at_cost(problem: Problem, kernel: Kernel | str, cost: float, most: float = inf) -> Setting:
     """The least error with the number of pairs in a volume λ^d given, with `most` neighbours at
     most.
 
@@ -234,8 +232,8 @@ def _least(
     if error(log(r)) == inf:
         raise ValueError(
             f"tune: no setting of {kernel.name} with at most"
-            f" {_neighbours(problem, kernel, exp(grid[0])):.4g} neighbours has h/λ between {SHORTEST:g} and {LONGEST:g} and two particles per"
-            " wavelength; expected another number of particles or pairs"
+            f" {_neighbours(problem, kernel, exp(grid[0])):.4g} neighbours has h/λ between"
+            f" {SHORTEST:g} and {LONGEST:g} and two particles per wavelength; expected another number of particles or pairs"
         )
     return setting(problem, kernel, r, x(r))
 

@@ -18,7 +18,8 @@ from sphtrunc.kernels.transform import terms
 from sphtrunc.operators.moments import MultiIndex, label, multi_indices, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import BROOKSHAW, Key
-from sphtrunc.scenes.sites import KINDS, sites
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.sites import KINDS
 from sphtrunc.theory.lattice_sums import lattice_sums
 from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.theory.reciprocal_sums import Shell, poisson_sum, shortest
@@ -82,22 +83,22 @@ class Aliasing:
 def aliasing(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction | None,
-    offset: tuple[Fraction, ...],
+    dim: int,
+    scene: Arrangement | None = None,
 ) -> Aliasing:
-    """The reasons for the discretisation error of an operator on a lattice."""
-    dim = len(offset)
+    """The reasons for the discretisation error of an operator on a lattice; without one, of its
+    order alone."""
     degree = leading_degree(operator)
     moment = unit(dim, 0, degree)
     order = None
     if operator.uncorrected and isinstance(kernel, Kernel):
         derivatives = 1 if operator.form == BROOKSHAW else operator.derivatives
         order = lattice_order(kernel, dim, derivatives)
-    if dx_over_h is None:
+    if scene is None:
         return Aliasing(order, moment, (), inf, ())
-    shells, tail = _shells(kernel, operator, kind, dx_over_h, offset, moment)
-    return Aliasing(order, moment, shells, tail, tuple(ranking(kernel, operator, dim, dx_over_h)))
+    shells, tail = _shells(kernel, operator, scene, moment)
+    ranks = tuple(ranking(kernel, operator, dim, scene.dx_over_h))
+    return Aliasing(order, moment, shells, tail, ranks)
 
 
 def leading_degree(operator: Operator) -> int:
@@ -112,9 +113,7 @@ def leading_degree(operator: Operator) -> int:
 def _shells(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: tuple[Fraction, ...],
+    scene: Arrangement,
     alpha: MultiIndex,
 ) -> tuple[tuple[Shell, ...], float]:
     """The first shells of M_α of the first component that are not zero, and a bound on the rest."""
@@ -128,10 +127,7 @@ def _shells(
     if operator.form == BROOKSHAW:  # −s₁² Ŵ′/q = −s₁ ∂₁Ŵ
         keys = {(unit(dim, 0), unit(dim, 0)): 2.0}
     try:
-        sums = [
-            (c, poisson_sum(kernel, key, kind, dx_over_h, offset, SUMMED))
-            for key, c in keys.items()
-        ]
+        sums = [(c, poisson_sum(kernel, key, scene, SUMMED)) for key, c in keys.items()]
     except ValueError:  # the kernel jumps: F does not describe what the particles sum
         return (), inf
     rows = [
@@ -154,17 +150,17 @@ def ranking(
     """The lattices of a dimension at equal number density, the most accurate first, by direct sums
     seen from a particle. Empty where that is too many particles, or an operator does not exist."""
     degree = leading_degree(operator)
-    home = (Fraction(0),) * dim
     keys = operator.needed(dim, degree)
     limit = {key: continuous_sum(kernel, key) for key in keys}
     rows = []
     for kind, data in KINDS.items():
         if data.dim != dim:
             continue
-        if sites(kind, float(kernel.support) / float(dx_over_h), home).shape[1] > MOST_NEIGHBOURS:
+        home = Arrangement(kind, dx_over_h)
+        if home.sites(float(kernel.support) / float(dx_over_h)).shape[1] > MOST_NEIGHBOURS:
             return []
         try:
-            sums = lattice_sums(kernel, keys, kind, dx_over_h, home, exact=False)
+            sums = lattice_sums(kernel, keys, home, exact=False)
             error = _difference(operator, sums, limit, dim, degree)
         except ValueError:  # a singular correction, a kernel without a second derivative at 0
             return []

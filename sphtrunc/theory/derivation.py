@@ -15,8 +15,9 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory import typeset
-from sphtrunc.theory.euler_maclaurin import KnotTerm
+from sphtrunc.theory.euler_maclaurin import KnotTerm, phased
 from sphtrunc.theory.orders import Orders
+from sphtrunc.theory.symmetry import classes
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
@@ -116,6 +117,37 @@ class Derivation:
         if self.operator.correction == "none" and self.operator.uses_difference and plain:
             return [t for t in self.terms if t.moment > 0]
         return list(self.terms)
+
+    @property
+    def terms_by_sum(self) -> dict[tuple[Any, int], list[KnotTerm]]:
+        """`own_terms` of every base sum (term, moment)."""
+        groups: dict[tuple[Any, int], list[KnotTerm]] = {}
+        for t in self.own_terms:
+            groups.setdefault((t.term, t.moment), []).append(t)
+        return groups
+
+    @cached_property
+    def leading_terms(self) -> dict[tuple[Any, int], tuple[int, dict[Rational, Any]]]:
+        """Of every base sum the first power n of Δx/h that is left at a generic ratio, and knot p
+        -> coefficient of B̃_n(p h/Δx − θ) in it."""
+        found = {}
+        for key, terms in self.terms_by_sum.items():
+            for n in sorted({t.dx_power for t in terms}):
+                row = {t.knot: t.coefficient for t in terms if t.dx_power == n}
+                left = phased(row, n, self.offset)
+                if left:
+                    found[key] = n, left
+                    break
+        return found
+
+    @cached_property
+    def alike(self) -> list[list[MultiIndex]]:
+        """The moments of displaced particles that are not zero; those together that are equal by a
+        symmetry of the lattice."""
+        if self.scatter is None:
+            return []
+        shown = [a for a, mean in self.scatter.mean.items() if mean or self.scatter.std[a]]
+        return classes(self.operator, self.lattice, self.shift, shown)
 
     # -- JSON -------------------------------------------------------------------------------------
 
@@ -219,14 +251,12 @@ class Derivation:
 
     # -- for people -------------------------------------------------------------------------------
 
-    def _found(self) -> tuple[Orders, Aliasing | None]:
-        """What is derived when it is first asked for, before it is written down."""
-        return self.orders, self.aliasing
-
     def to_text(self) -> str:
         """What a person reads first; at most 100 columns, deterministic."""
-        self._found()
+        # all that is derived when it is first asked for is so before it is written down
+        _ = self.orders, self.aliasing
         if self.wall is None:
+            _ = self.leading_terms, self.alike
             return typeset.text(self)
         from sphtrunc.theory.walls.text import text
 
@@ -237,7 +267,6 @@ class Derivation:
 
     def to_latex(self) -> str:
         """A fragment for a document with amsmath: the kernel, the error and the moments."""
-        self._found()
         return typeset.fragment(self)
 
     def _repr_latex_(self) -> str:

@@ -12,6 +12,7 @@ mean of both sides, B̃_1(integer) = 0.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
@@ -24,12 +25,10 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.moments import Moments
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.scenes.sites import in_pairs
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.sites import in_pairs, lattice_of
 from sphtrunc.theory.derivation import Derivation
-from sphtrunc.theory.euler_maclaurin import (
-    _terms,
-    euler_maclaurin_sums,
-)
+from sphtrunc.theory.euler_maclaurin import KnotTerm, euler_maclaurin, euler_maclaurin_sums
 from sphtrunc.theory.lattice_sums import lattice_moments, rounded
 from sphtrunc.theory.limit import _moments, continuous_sum
 from sphtrunc.theory.orders import _orders
@@ -104,7 +103,9 @@ def derive(
     shift = _offset(offset, dim)
     theta = shift[0]
     ratio = None if dx_over_h is None else spacing(dx_over_h)
-    kind = _lattice(lattice, dim, volume, ratio)
+    kind = lattice_of(dim, lattice, volume)
+    if ratio is None and (lattice is not None or volume != "constant"):
+        raise ValueError("lattice, volume: these need a ratio, expected dx-over-h as well")
     if wall is not None:
         if jitter is not None or volume != "constant" or h_gradient is not None:
             raise ValueError(
@@ -131,8 +132,16 @@ def derive(
     needed = operator.needed(dim, degree)
     continuous = {key: continuous_sum(kernel, key) for key in needed}
     limit = _moments(operator, continuous, dim, degree, "continuous limit")
-    terms = _terms(kernel, needed) if dim == 1 and isinstance(kernel, Kernel) else ()
-    discrete = None
+    terms: tuple[KnotTerm, ...] = ()
+    if dim == 1 and isinstance(kernel, Kernel):
+        terms = tuple(
+            KnotTerm(term, alpha[0], *row)
+            for term, alpha in needed
+            for row in euler_maclaurin(kernel, term, alpha[0])
+        )
+    discrete = scene = None
+    if ratio is not None and ratio.is_Rational:
+        scene = Arrangement(kind, fraction(ratio), tuple(fraction(x) for x in shift), volume)
     if ratio is not None:
         if dim == 1:
             _require_neighbours(kernel, ratio, theta)
@@ -144,7 +153,7 @@ def derive(
                 around = [(sums, home)]
             discrete = _moments(operator, sums, dim, degree, "derived", around)
         else:
-            discrete = _summed(kernel, operator, kind, ratio, shift, volume, degree)
+            discrete = _summed(kernel, operator, scene, ratio, degree)
     result = Derivation(
         kernel=kernel,
         operator=operator,
@@ -158,13 +167,11 @@ def derive(
         lattice=kind,
         volume=volume,
         discrete=discrete,
-        find_orders=partial(_orders, kernel, operator, dim, degree, theta),
-        find_aliasing=partial(_explained, kernel, operator, kind, ratio, shift),
+        find_orders=partial(_orders, kernel, operator, dim, degree, theta, terms),
+        find_aliasing=partial(_explained, kernel, operator, dim, scene),
         scatter=None
         if jitter is None
-        else _scattered(
-            kernel, operator, kind, ratio, shift, volume, min(degree, 6), jitter, distribution
-        ),
+        else _scattered(kernel, operator, scene, min(degree, 6), jitter, distribution),
     )
     if h_gradient is None:
         return result
@@ -184,44 +191,23 @@ def _offset(offset: object, dim: int) -> tuple[Rational, ...]:
     return tuple(exact)
 
 
-def _lattice(lattice: str | None, dim: int, volume: str, ratio: Expr | None) -> str:
-    from sphtrunc.scenes.sites import DEFAULT, KINDS
-
-    kind = DEFAULT[dim] if lattice is None else lattice
-    names = [name for name, data in KINDS.items() if data.dim == dim]
-    if kind not in names:
-        raise ValueError(f"lattice: got {kind!r}, expected one of {', '.join(names)} in {dim}D")
-    if volume not in ("constant", "cell", "summation") or (volume == "cell" and dim > 1):
-        raise ValueError(f"volume: got {volume!r}, expected constant, summation or, in 1D, cell")
-    if ratio is None and (lattice is not None or volume != "constant"):
-        raise ValueError("lattice, volume: these need a ratio, expected dx-over-h as well")
-    return kind
-
-
 def _summed(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
+    scene: Arrangement | None,
     ratio: Expr,
-    shift: tuple[Rational, ...],
-    volume: str,
     degree: int,
 ) -> Moments:
     """The moments at a ratio, particle by particle; see `sphtrunc.theory.lattice_sums`."""
-    if not ratio.is_Rational:
+    if scene is None:
         raise ValueError(f"dx-over-h: got {ratio}, expected a rational ratio for this sum")
-    dim = len(shift)
-    step = fraction(ratio)
-    offset = tuple(fraction(x) for x in shift)
-    most = 200_000
+    dim, most = scene.dim, 200_000
     if float(kernel.support / ratio) ** dim > most:
         raise ValueError(
             f"dx-over-h: got {ratio}, a target has over {most} neighbours; expected a larger ratio"
         )
     linear = operator.uncorrected or (operator.form == NESTED and operator.correction == "none")
-    found = lattice_moments(
-        kernel, operator, kind, step, offset, degree, exact=linear, volume=volume
-    )
+    found = lattice_moments(kernel, operator, scene, degree, exact=linear)
     values = {a: m if isinstance(m, (int, Expr)) else rounded(m) for a, m in found.items()}
     return Moments(values, operator.target(dim), operator.derivatives, "derived")
 
@@ -252,26 +238,18 @@ def _require_neighbours(kernel: Kernel | Gaussian, ratio: Expr, theta: Rational)
 
 
 def _explained(
-    kernel: Kernel | Gaussian,
-    operator: Operator,
-    kind: str,
-    ratio: Expr | None,
-    shift: tuple[Rational, ...],
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, scene: Arrangement | None
 ) -> Aliasing:
     """The reasons for the discretisation error in 2D and 3D."""
     from sphtrunc.theory.aliasing import aliasing
 
-    step = None if ratio is None else fraction(ratio)
-    return aliasing(kernel, operator, kind, step, tuple(fraction(x) for x in shift))
+    return aliasing(kernel, operator, dim, scene)
 
 
 def _scattered(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    ratio: Expr | None,
-    shift: tuple[Rational, ...],
-    volume: str,
+    scene: Arrangement | None,
     degree: int,
     jitter: object,
     distribution: str,
@@ -282,9 +260,7 @@ def _scattered(
     sigma = float(rational(jitter if isinstance(jitter, str) else Fraction(str(jitter)), "jitter"))
     if not 0 <= sigma <= 10:
         raise ValueError(f"jitter: got {sigma:g}, expected a standard deviation σ/Δx from 0 to 10")
-    if ratio is None or not ratio.is_Rational:
+    if scene is None:
         raise ValueError("jitter: needs a rational ratio, expected dx-over-h as well")
-    return predict(
-        kernel, operator, kind, fraction(ratio), tuple(fraction(x) for x in shift),
-        sigma=sigma, distribution=distribution, volume=volume, degree=degree,
-    )  # fmt: skip
+    scene = replace(scene, sigma=sigma, distribution=distribution)
+    return predict(kernel, operator, scene, degree=degree)

@@ -81,14 +81,6 @@ _FIRST = {BROOKSHAW: 1, FATEHI_MANZARI: 3}  # the first k for which s^k Ŵ′/|s
 # -- uniform particles in 1D ----------------------------------------------------------------------
 
 
-def _terms(kernel: Kernel, needed: Iterable[Key]) -> tuple[KnotTerm, ...]:
-    return tuple(
-        KnotTerm(term, alpha[0], *row)
-        for term, alpha in needed
-        for row in euler_maclaurin(kernel, term, alpha[0])
-    )
-
-
 @lru_cache(maxsize=4096)
 def euler_maclaurin(
     kernel: Kernel, term: Any, k: int

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from math import pi
 from typing import TYPE_CHECKING
 
@@ -24,8 +23,7 @@ import numpy as np
 
 from sphtrunc.arithmetic.summation import UNIT, depth
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.scenes.sites import in_pairs
-from sphtrunc.theory.disorder.averages import _Particles
+from sphtrunc.theory.disorder.averages import Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.disorder.sampling import ENOUGH, displaced
 from sphtrunc.theory.fields import Signals, Waves
@@ -33,6 +31,7 @@ from sphtrunc.theory.fields import Signals, Waves
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -60,15 +59,10 @@ class Split:
 def predict_waves(
     kernel: Kernel,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     h_over_lambda: Sequence[float],
     *,
     direction: Sequence[float] | None = None,
-    sigma: float = 0.0,
-    distribution: str = "gaussian",
-    volume: str = "constant",
     precision: str = "plain",
     enough: float = ENOUGH,
 ) -> list[Split]:
@@ -76,59 +70,53 @@ def predict_waves(
 
     The rest is as for `predict_fields`.
     """
-    along = np.array(direction or (1.0,) + (0.0,) * (len(offset) - 1))
-    kappa = 2 * pi * np.asarray(h_over_lambda, dtype=np.float64)
-    return predict_fields(
-        kernel, operator, kind, dx_over_h, offset, Waves(kappa, along / np.linalg.norm(along)),
-        sigma=sigma, distribution=distribution, volume=volume, precision=precision, enough=enough,
-    )  # fmt: skip
+    along = np.array(direction or (1.0,) + (0.0,) * (scene.dim - 1))
+    waves = Waves(2 * pi * np.asarray(h_over_lambda, float), along / np.linalg.norm(along))
+    return predict_fields(kernel, operator, scene, waves, precision=precision, enough=enough)
 
 
 def predict_fields(
     kernel: Kernel,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     signals: Signals,
     *,
-    sigma: float = 0.0,
-    distribution: str = "gaussian",
-    volume: str = "constant",
     precision: str = "plain",
     enough: float = ENOUGH,
 ) -> list[Split]:
     """The error for each of K signals.
 
-    kind, dx_over_h, offset: the lattice and where it lies relative to the target, in Δx
-    sigma, distribution: of the displacements, σ/Δx along each axis
-    volume: "constant", "cell" (1D) or "summation"
     precision: in which the sums are evaluated, as for `measure`
     enough: relative, to which an rms over sampled displacements has to be known
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
 
-    Raises ValueError for vector operators, and where a correction is singular.
+    Raises ValueError for vector operators, where a correction is singular, and beside a wall for
+    ghosts and the nested form.
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
-    pairs = not sigma and in_pairs(kind, offset)
-    operator.require_pairs(pairs)
-    dim = len(offset)
+    if scene.wall is not None and (scene.wall.ghosts != "none" or operator.form == NESTED):
+        raise ValueError(
+            "ghosts: of fields beside a wall there is theory without ghosts, and not for the nested"
+            " form; expected ghosts none and another form, or moments alone"
+        )
+    operator.require_pairs(scene.paired)
+    dim = scene.dim
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit_error(kernel, operator)
+    limit = signals.limit_error(kernel, operator, None if scene.wall is None else scene.wall.eta)
     if nested:
-        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
+        seen = SecondNeighbours(kernel, operator, scene)
         value, noise = seen.estimate(signals)
         neighbours = len(seen.near)
     else:
-        particles = _Particles(kernel, kind, dx_over_h, offset, volume)
+        particles = Particles(kernel, scene)
         here = particles.points[:, None, :]
         value, _, noise = particles.estimate(operator, signals, here, np.ones(1))
         neighbours = particles.neighbours
-    if pairs and isinstance(signals, Waves):  # of odd and even weights at ±s
+    if scene.paired and isinstance(signals, Waves):  # of odd and even weights at ±s
         value[:, :, 1 - operator.derivatives % 2] = 0.0
     # what the rounding of these very sums can explain is no discretisation error
     unresolved = (depth(neighbours) + 8) * UNIT * neighbours**0.5 * noise
@@ -136,24 +124,13 @@ def predict_fields(
     still = value - exact
     still = np.where(np.abs(still - limit) <= unresolved, limit, still)
     mean, variance, known = still, np.zeros_like(still), np.zeros(len(still))
-    if sigma:
-        if operator.uncorrected and volume == "constant" and distribution != "blue":
-            mean, variance = particles.scattered(operator, signals, sigma, distribution)
+    if scene.sigma:
+        apart = scene.volume == "constant" and scene.distribution != "blue"
+        if operator.uncorrected and apart:
+            mean, variance = particles.scattered(operator, signals)
             mean = mean - exact
         else:
-            spread = displaced(
-                kernel,
-                operator,
-                kind,
-                dx_over_h,
-                offset,
-                volume,
-                signals,
-                still,
-                sigma,
-                distribution,
-                enough=enough,
-            )
+            spread = displaced(kernel, operator, scene, signals, still, enough=enough)
             mean = still + spread.shift
             variance = np.maximum(spread.second - spread.shift**2, 0.0)
             known = spread.known_to

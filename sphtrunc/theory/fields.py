@@ -18,10 +18,11 @@ import numpy as np
 
 from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.operators.corrections import shifted
-from sphtrunc.operators.moments import MultiIndex, add, unit
+from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, lowered, monomial
 from sphtrunc.theory.limit import continuous_sum
+from sphtrunc.theory.walls.moments import cut_number, require
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 _SERIES = 60  # terms of the continuous limit
+MOST_BESIDE = 400  # derivatives of a wave beside a wall
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +70,13 @@ class Waves:
         """What the root of Σ E² is to be divided by, (K,): the mean over phases is a half of it."""
         return sqrt(2.0) * self.kappa**order
 
-    def limit_error(self, kernel: Kernel | Gaussian, operator: Operator) -> Array:
+    def limit_error(
+        self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction | None = None
+    ) -> Array:
         """E for Δx/h → 0 less the exact derivative, (K, C, F): that along the first axis, rotated,
-        as kernels are isotropic."""
+        as kernels are isotropic; at a distance η from a wall the series of the wave itself."""
+        if eta is not None:
+            return self._beside(kernel, operator, eta)
         dim, n = len(self.direction), self.direction
         ahead = Waves(self.kappa, np.eye(dim)[0])
         axis = [unit(dim, 0, m) for m in range(_SERIES)]
@@ -83,6 +89,30 @@ class Waves:
         along, across = (found[:, rows.index(unit(dim, i, 2))] for i in (0, 1))
         turned = [np.prod(n**mu) * (along - across) + (max(mu) == 2) * across for mu in rows]
         return np.stack(turned, axis=1)
+
+    def _beside(self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction) -> Array:
+        """Beside a wall, which has a direction: up to the derivatives that no longer add a digit.
+
+        Raises ValueError for waves so short that there are too many of them.
+        """
+        dim, reach = len(self.direction), float(self.kappa.max()) * float(kernel.support)
+        degree, term = 2, reach**2 / 2
+        while term > 2.0**-50 * max(1.0, reach**2):
+            degree += 1
+            term *= reach / degree
+        along = [i for i, n in enumerate(self.direction) if n]
+        alphas = [
+            alpha
+            for alpha in multi_indices(dim, degree)
+            if all(i in along or not n for i, n in enumerate(alpha))
+        ]
+        if degree > _SERIES or len(alphas) > MOST_BESIDE:
+            raise ValueError(
+                f"h_over_lambda: a wave with kκh = {reach:.3g} beside a wall is not predicted;"
+                " expected a longer one, or one along an axis"
+            )
+        derivatives = {alpha: self.derivative(alpha) for alpha in alphas}
+        return _limit_error(kernel, operator, dim, derivatives, eta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +160,14 @@ class Taylor:
         """What the root of Σ E² is to be divided by, (K,)."""
         return np.full(len(self.coefficients), self.scale)
 
-    def limit_error(self, kernel: Kernel | Gaussian, operator: Operator) -> Array:
-        """E for Δx/h → 0 less the exact derivative, (K, C, F)."""
+    def limit_error(
+        self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction | None = None
+    ) -> Array:
+        """E for Δx/h → 0 less the exact derivative, (K, C, F); at a distance η from a wall."""
         alphas = dict.fromkeys(alpha for one in self.coefficients for alpha in one)
         dim = len(next(iter(alphas)))
-        return _limit_error(
-            kernel, operator, dim, {alpha: self.derivative(alpha) for alpha in alphas}
-        )
+        derivatives = {alpha: self.derivative(alpha) for alpha in alphas}
+        return _limit_error(kernel, operator, dim, derivatives, eta)
 
 
 Signals: TypeAlias = Waves | Taylor
@@ -147,11 +178,12 @@ def _limit_error(
     operator: Operator,
     dim: int,
     derivatives: Mapping[MultiIndex, Array],
+    eta: Fraction | None = None,
 ) -> Array:
     """Σ_μ (limit M_μ/μ! − exact) A^{(μ)}, (K, C, F): E for Δx/h → 0 less the exact derivative, from
     the derivatives (K, F) of the signal at the target. The differences are exact, so that a small
     error keeps its digits."""
-    rows = _limit_errors(kernel, operator, dim, tuple(derivatives))
+    rows = _limit_errors(kernel, operator, dim, tuple(derivatives), eta)
     none = np.zeros_like(next(iter(derivatives.values())))
     return np.stack(
         [sum((x * row[mu] for mu, x in derivatives.items()), none) for row in rows], axis=1
@@ -160,14 +192,20 @@ def _limit_error(
 
 @lru_cache(maxsize=256)
 def _limit_errors(
-    kernel: Kernel | Gaussian, operator: Operator, dim: int, alphas: tuple[MultiIndex, ...]
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    dim: int,
+    alphas: tuple[MultiIndex, ...],
+    eta: Fraction | None = None,
 ) -> list[dict[MultiIndex, float]]:
     """limit M_μ/μ! − exact of every component: exact differences, rounded once, for a polynomial
-    kernel."""
+    kernel in 1D and 3D; of 50 digits beside a wall in 2D."""
     zero = unit(dim, 0, 0)
 
     @cache
     def moment(key: Key) -> Any:
+        if eta is not None:
+            return cut_number(require(kernel, operator), operator, key, eta)
         value = continuous_sum(kernel, key)
         return fraction(value) if kernel.is_polynomial else float(value)
 
@@ -194,9 +232,6 @@ def _limit_errors(
     for row, target in zip(rows, operator.components(dim), strict=True):
         exact = () if operator.adds_own else target
         result.append(
-            {
-                mu: float(Fraction(1, prod(map(factorial, mu))) * row[mu] - (mu in exact))
-                for mu in alphas
-            }
+            {mu: float(row[mu] / prod(map(factorial, mu)) - (mu in exact)) for mu in alphas}
         )
     return result

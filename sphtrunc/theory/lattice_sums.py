@@ -12,6 +12,7 @@ radial value; what is left, Σ s^β over a shell, is a sum of integers.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache, lru_cache
 from math import lcm, prod
@@ -25,7 +26,8 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import SLOPE, VALUE, Key, parts
-from sphtrunc.scenes.sites import KINDS, metric
+from sphtrunc.scenes.arrangement import Arrangement
+from sphtrunc.scenes.sites import KINDS, metric, sites, units
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,22 +59,19 @@ def rounded(m: Any, decimals: int = 40) -> Expr:
 def lattice_sums(
     kernel: Kernel | Gaussian,
     keys: Iterable[Key],
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     exact: bool = True,
-    volume: str = "constant",
     turned: bool | None = None,
     planes: Planes | None = None,
 ) -> dict[Key, Any]:
-    """m[δ, α] = (−1)^{|δ|} (Δx/h)^d Σ_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil.
+    """m[δ, α] = (−1)^{|δ|} Σ_b V_b s_b^α ∂^δ Ŵ(s_b) for every key, over one stencil without
+    displacements; V_b = (Δx/h)^d, or of volumes by summation 1/Σ Ŵ.
 
-    volume: "constant" or "cell", Δx^d, or "summation", where all are 1/Σ Ŵ
     turned: only over the sites of the second sublattice (`Kind.turned`), or of the first; None:
         over all of them
     planes: only over the sites from one index along the first axis to another; None: no end
-    kind: a lattice of `sphtrunc.lattice`; offset: of the lattice from the target, in Δx, one
-    rational per axis. A sum is an exact SymPy number where all coordinates are rational and only
+
+    A sum is an exact SymPy number where all coordinates are rational and only
     rational radial values occur (always in 1D; for kernels even in q on square and cubic lattices)
     and `exact` is asked for, else a 50-digit number of `real_context`. Sums that vanish by a mirror
     symmetry are exact zeros and are not summed. A particle at the origin takes part in terms
@@ -81,25 +80,23 @@ def lattice_sums(
     Raises ValueError for a kernel that has no second derivative at a particle at the origin.
     """
     keys = list(keys)
-    if volume == "summation":
-        zero = ((0,) * len(offset),) * 2
-        home = (Fraction(0),) * len(offset)
-        density = lattice_sums(kernel, [zero], kind, dx_over_h, home, exact)[zero]
-        sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, "constant", turned)
+    dim = scene.dim
+    if scene.volume == "summation":
+        zero = ((0,) * dim,) * 2
+        plain = replace(scene, volume="constant")
+        density = lattice_sums(kernel, [zero], plain.seen_from(), exact)[zero]
+        sums = lattice_sums(kernel, keys, plain, exact, turned)
         return {key: value / density for key, value in sums.items()}
-    shells = _shells(kind, dx_over_h, tuple(offset), fraction(kernel.support), turned, planes)
-    dim = len(offset)
+    shells = _shells(scene, fraction(kernel.support), turned, planes)
     rational = shells.rational and exact and isinstance(kernel, Kernel)
     factors = {k for key in keys for _, _, k in parts(key)}
-    radial = {k: _radial(kernel, k, shells.squares, rational, dim) for k in factors}
+    radial, rational = radial_values(kernel, factors, shells.squares, rational, dim)
     ctx = real_context()
     sigma = kernel.normalisation(dim)
     scale: Any = sigma
-    if not all(values is not None for values in radial.values()):
-        rational = False
-        radial = {k: _radial(kernel, k, shells.squares, False, dim) for k in factors}
     if not rational:
         scale = ctx.mpf(str(sigma.evalf(DIGITS + 10)))
+    dx_over_h = scene.dx_over_h
     cell = dx_over_h**dim
 
     @cache
@@ -108,7 +105,6 @@ def lattice_sums(
         if counts is None:
             return 0
         values = radial[k]
-        assert values is not None
         steps = prod((shells.step[i] * dx_over_h) ** n for i, n in enumerate(beta)) * cell
         if rational:
             return Fraction(steps) * sum(
@@ -139,17 +135,14 @@ class _Shells:
 
     def __init__(
         self,
-        kind: str,
-        ratio: Fraction,
-        offset: tuple[Fraction, ...],
+        scene: Arrangement,
         support: Fraction,
         turned: bool | None,
         planes: Planes | None,
     ) -> None:
         import numpy as np
 
-        from sphtrunc.scenes.sites import sites, units
-
+        kind, ratio, offset = scene.kind, scene.dx_over_h, scene.offset
         m = sites(kind, float(support / ratio), offset)
         rule = KINDS[kind].turned
         if rule is not None and turned is not None:
@@ -220,29 +213,28 @@ class _Shells:
         return self._cache[key]
 
 
-@lru_cache(maxsize=64)
 def _shells(
-    kind: str,
-    ratio: Fraction,
-    offset: tuple[Fraction, ...],
+    scene: Arrangement,
     support: Fraction,
     turned: bool | None = None,
     planes: Planes | None = None,
 ) -> _Shells:
-    return _Shells(kind, ratio, offset, support, turned, planes)
+    """The same whatever the volumes and displacements are."""
+    sites_of = Arrangement(scene.kind, scene.dx_over_h, scene.offset)
+    return _found(sites_of, support, turned, planes)
+
+
+_found = lru_cache(maxsize=64)(_Shells)
 
 
 def lattice_moments(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     degree: int,
     *,
     axis: int = 0,
     exact: bool = True,
-    volume: str = "constant",
 ) -> dict[MultiIndex, Any]:
     """The moments M_α, |α| <= degree, of one component of an operator on a lattice.
 
@@ -251,33 +243,45 @@ def lattice_moments(
     Raises ValueError as that does, where no particle is inside the support, and where the matrix of
     a correction is singular.
     """
-    dim = len(offset)
+    dim = scene.dim
     keys = operator.needed(dim, degree)
-    sums = lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, volume)
+    sums = lattice_sums(kernel, keys, scene, exact)
     support = fraction(kernel.support)
-    near = _shells(kind, dx_over_h, tuple(offset), support).squares
+    near = _shells(scene, support).squares
     if not any(sums.values()) and all(square >= support**2 for square in near):
         raise ValueError(
-            f"dx-over-h: got {dx_over_h}, and no particle is inside the support of"
+            f"dx-over-h: got {scene.dx_over_h}, and no particle is inside the support of"
             f" {kernel.support}h; expected a smaller ratio (did you mean h/Δx?)"
         )
     around = None
     if operator.form == NESTED:
-        home = (Fraction(0),) * dim
-        seen = lattice_sums(kernel, keys, kind, dx_over_h, home, exact, volume)
-        if KINDS[kind].turned is None:
+        seen = lattice_sums(kernel, keys, scene.seen_from(), exact)
+        if KINDS[scene.kind].turned is None:
             around = [(sums, seen)]
         else:
-            part = [
-                lattice_sums(kernel, keys, kind, dx_over_h, offset, exact, volume, turned)
-                for turned in (False, True)
-            ]
+            part = [lattice_sums(kernel, keys, scene, exact, turned) for turned in (False, True)]
             about = {
                 (delta, alpha): (-1) ** (sum(delta) + sum(alpha)) * value
                 for (delta, alpha), value in seen.items()
             }
             around = [(part[0], seen), (part[1], about)]
     return operator.correct(sums, dim, degree, axis, around=around)
+
+
+def radial_values(
+    kernel: Kernel | Gaussian,
+    factors: Iterable[int],
+    squares: Sequence[Fraction],
+    exact: bool,
+    dim: int,
+) -> tuple[dict[int, list[Any]], bool]:
+    """f_k(q) on every shell, without σ_d: rationals where they are asked for and all are, which is
+    told; else numbers of 50 digits."""
+    found = {k: _radial(kernel, k, squares, exact, dim) for k in factors}
+    values = {k: row for k, row in found.items() if row is not None}
+    if len(values) < len(found):
+        return radial_values(kernel, found, squares, False, dim)
+    return values, exact
 
 
 def _radial(

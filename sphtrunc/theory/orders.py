@@ -12,7 +12,7 @@ from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key
-from sphtrunc.theory.euler_maclaurin import KnotTerm, _terms, periodic_bernoulli, phased
+from sphtrunc.theory.euler_maclaurin import KnotTerm, periodic_bernoulli, phased
 from sphtrunc.theory.limit import _smoothing_order, continuous_sum
 
 if TYPE_CHECKING:
@@ -77,7 +77,12 @@ def _response(
 
 
 def _orders(
-    kernel: Kernel | Gaussian, operator: Operator, dim: int, degree: int, theta: Rational
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    dim: int,
+    degree: int,
+    theta: Rational,
+    terms: tuple[KnotTerm, ...],
 ) -> Orders:
     """Smoothing order, and the discretisation orders at generic and at aligned ratios.
 
@@ -85,7 +90,6 @@ def _orders(
     """
     smoothing = _smoothing_order(kernel, operator, dim)
     needed = operator.needed(dim, degree)
-    terms = _terms(kernel, needed) if dim == 1 and isinstance(kernel, Kernel) else ()
     if not terms:
         cut = not isinstance(kernel, Kernel) and kernel.cut is not None and dim == 1
         return Orders(smoothing, 1, 2) if cut else Orders(smoothing, None, None)

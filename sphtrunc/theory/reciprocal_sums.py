@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.scenes.arrangement import Arrangement
 
 #: {(γ, m): c} stands for Σ c k^γ Φ_m(|k|)
 Symbol = dict[tuple[MultiIndex, int], complex]
@@ -68,14 +69,12 @@ class PoissonSum:
 def poisson_sum(
     kernel: Kernel | Gaussian,
     key: Key,
-    kind: str,
-    dx_over_h: Fraction | float,
-    offset: Sequence[Fraction | float] | None = None,
+    scene: Arrangement,
     shells: int = 40,
 ) -> PoissonSum:
     """The base sum m[δ, α] over `shells` shells of the reciprocal lattice.
 
-    key: (δ, α) with δ a multi-index; offset: of the lattice from the target, in Δx.
+    key: (δ, α) with δ a multi-index; the volumes are constant, and nothing is displaced.
 
     Raises ValueError for a term that is not a derivative of the kernel, for a kernel that jumps
     under a derivative (the particles sum its classical derivative, which is not what F describes).
@@ -91,7 +90,7 @@ def poisson_sum(
         )
     dim = len(alpha)
     table = symbol(delta, alpha)
-    lengths, values, counts = shells_of(kernel, table, kind, dx_over_h, offset, shells)
+    lengths, values, counts = shells_of(kernel, table, scene, shells)
     rows = tuple(
         Shell(float(k), int(n), float(v)) for k, n, v in zip(lengths, counts, values, strict=True)
     )
@@ -102,25 +101,21 @@ def poisson_sum(
         if gamma == zero
     )
     last = float(lengths[-1])
-    return PoissonSum(limit, rows[1:], _tail(kernel, table, kind, float(dx_over_h), last))
+    return PoissonSum(limit, rows[1:], _tail(kernel, table, scene, last))
 
 
 def shells_of(
     kernel: Kernel | Gaussian,
     table: Symbol,
-    kind: str,
-    dx_over_h: Fraction | float,
-    offset: Sequence[Fraction | float] | None,
+    scene: Arrangement,
     shells: int,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """|G| in 1/h, Σ ĝ(G) S(G) e^{iG·θ} and the number of vectors, shell by shell, G = 0 first."""
-    ratio = float(dx_over_h)
-    g, lengths, starts, weight = reciprocal_vectors(kind, shells)
+    ratio = float(scene.dx_over_h)
+    g, lengths, starts, weight = reciprocal_vectors(scene.kind, shells)
     g, lengths = g / ratio, lengths / ratio
     dim = g.shape[1]
-    weight = weight * np.exp(
-        1j * (g @ (ratio * np.array([float(o) for o in offset or (0,) * dim])))
-    )
+    weight = weight * np.exp(1j * (g @ (ratio * np.array([float(o) for o in scene.offset]))))
     total = np.zeros(len(lengths))
     for (gamma, m), c in table.items():
         value = c * weight
@@ -258,12 +253,12 @@ def _inverse_metric(kind: str) -> tuple[int, ...]:
     return tuple(common // r for r in ratios)
 
 
-def _tail(kernel: Kernel | Gaussian, table: Symbol, kind: str, ratio: float, last: float) -> float:
+def _tail(kernel: Kernel | Gaussian, table: Symbol, scene: Arrangement, last: float) -> float:
     """Σ_{|G|>K} |ĝ| by an integral: a decreasing φ(|G|) is at most its mean over the cell around G,
     moved inwards by the cell's radius ρ, so Σ φ <= (S_d/v) ∫_{K−2ρ}^∞ φ(t) (t+ρ)^{d−1} dt."""
-    dim = KINDS[kind].dim
-    dual, _ = _dual(kind)
-    length_unit = [float(u) * ratio for u in units(kind)]
+    dim = scene.dim
+    dual, _ = _dual(scene.kind)
+    length_unit = [float(u) * float(scene.dx_over_h) for u in units(scene.kind)]
     vectors = np.array(
         [[float(x) * 2 * pi / u for x, u in zip(b, length_unit, strict=True)] for b in dual]
     )
@@ -298,9 +293,7 @@ def _decay(kernel: Kernel | Gaussian, dim: int, m: int) -> tuple[tuple[int, floa
 def response(
     kernel: Kernel | Gaussian,
     k: Sequence[float],
-    kind: str,
-    dx_over_h: Fraction | float,
-    offset: Sequence[Fraction | float] | None = None,
+    scene: Arrangement,
     shells: int = 40,
 ) -> tuple[complex, tuple[complex, ...]]:
     """What the standard gradient makes of e^{ik·x}, as a fraction of i k₁ e^{ik·x} (k in 1/h).
@@ -311,14 +304,12 @@ def response(
     Raises ValueError for a wave without a component along the first axis.
     """
     wave = np.asarray(k, dtype=np.float64).reshape(-1)
-    if len(wave) != KINDS[kind].dim or not np.all(np.isfinite(wave)) or wave[0] == 0:
-        raise ValueError(
-            f"k: expected {KINDS[kind].dim} finite components, the first of them not 0"
-        )
-    ratio = float(dx_over_h)
-    g, _, starts, weight = reciprocal_vectors(kind, shells)
+    if len(wave) != scene.dim or not np.all(np.isfinite(wave)) or wave[0] == 0:
+        raise ValueError(f"k: expected {scene.dim} finite components, the first of them not 0")
+    ratio = float(scene.dx_over_h)
+    g, _, starts, weight = reciprocal_vectors(scene.kind, shells)
     g = g / ratio
-    shift = np.array([float(o) for o in offset or (0,) * len(wave)])
+    shift = np.array([float(o) for o in scene.offset])
     moved = wave - g
     size = np.sqrt((moved * moved).sum(axis=1))
     value = (

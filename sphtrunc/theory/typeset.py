@@ -13,12 +13,9 @@ from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.operators.moments import label
 from sphtrunc.operators.operator import NESTED, Operator
-from sphtrunc.theory.euler_maclaurin import phased
-from sphtrunc.theory.symmetry import classes
 
 if TYPE_CHECKING:
     from sphtrunc.theory.derivation import Derivation, Varying
-    from sphtrunc.theory.euler_maclaurin import KnotTerm
 
 WIDTH = 100  # columns of a terminal
 _SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -43,7 +40,8 @@ def text(d: Derivation) -> str:
 
 def _kernel_text(d: Derivation) -> str:
     kernel, dim = d.kernel, d.dim
-    lines = [f"{kernel.name}: W(r, h) = σ h{_power(-dim)} w(q), q = r/h, support {_reach(kernel)}"]
+    reach = "infinite" if kernel.boundary_smoothness == float("inf") else f"{kernel.support}h"
+    lines = [f"{kernel.name}: W(r, h) = σ h{_power(-dim)} w(q), q = r/h, support {reach}"]
     if kernel.source:
         lines += _wrapped([kernel.source], "  ", " ")
     if isinstance(kernel, Gaussian):
@@ -172,27 +170,15 @@ def _gaussian_text(d: Derivation, kernel: Gaussian) -> str:
 def _leading_terms(d: Derivation) -> list[str]:
     lines: list[str] = []
     plain = d.operator.uncorrected
-    for (derivative, k), terms in _grouped(d).items():
-        name = f"M{_sub(k)}" if plain else f"m[{derivative}, {k}]"
-        for n in sorted({t.dx_power for t in terms}):
-            row = {t.knot: t.coefficient for t in terms if t.dx_power == n}
-            left = phased(row, n, d.offset)
-            if left:
-                parts = [_signed(_product(c, [_wave(n, p, d.offset)])) for p, c in left.items()]
-                parts[0] = parts[0].removeprefix("+ ")
-                parts[-1] += "] + …"
-                lines += _wrapped(parts, f"    {name} − limit = (Δx/h){_power(n)} [", " ")
-                break
+    for (term, k), (n, left) in d.leading_terms.items():
+        name = f"M{_sub(k)}" if plain else f"m[{_sum_label(term)}, {k}]"
+        parts = [_signed(_product(c, [_wave(n, p, d.offset)])) for p, c in left.items()]
+        parts[0] = parts[0].removeprefix("+ ")
+        parts[-1] += "] + …"
+        lines += _wrapped(parts, f"    {name} − limit = (Δx/h){_power(n)} [", " ")
         if len(lines) > 12:
             break
     return lines
-
-
-def _grouped(d: Derivation) -> dict[tuple[str, int], list[KnotTerm]]:
-    groups: dict[tuple[str, int], list[KnotTerm]] = {}
-    for t in d.own_terms:
-        groups.setdefault((_sum_label(t.term), t.moment), []).append(t)
-    return groups
 
 
 def _aliasing_text(d: Derivation) -> str:
@@ -272,13 +258,11 @@ def _scatter_text(d: Derivation) -> str:
         f"Moments of particles displaced by σ = {scatter.jitter or 0:g} Δx, {scatter.distribution}",
         *_wrapped([*scatter.how.split(" ")], "  by ", " "),
     ]
-    shown = [alpha for alpha, mean in scatter.mean.items() if mean or scatter.std[alpha]]
-    groups = classes(d.operator, d.lattice, d.shift, shown)
-    alike = max(map(len, groups), default=1) > 1
+    alike = max(map(len, d.alike), default=1) > 1
     lines.append(
         "  k          mean                 standard deviation" + "   equal by symmetry" * alike
     )
-    for first, *others in groups:
+    for first, *others in d.alike:
         row = f"  {label(first):<9}  {scatter.mean[first]:<19.12g}  {scatter.std[first]:<18.6g}"
         names = [label(alpha) for alpha in others]
         lines += [line.rstrip() for line in _wrapped(["", *names], row, "   ")]
@@ -337,8 +321,8 @@ def smoothing(d: Derivation) -> str:
 def _discretisation_latex(d: Derivation) -> list[str]:
     lines = []
     plain = d.operator.uncorrected
-    for (derivative, k), terms in _grouped(d).items():
-        name = f"M_{{{k}}}" if plain else f"m_{{{derivative},{k}}}"
+    for (term, k), terms in d.terms_by_sum.items():
+        name = f"M_{{{k}}}" if plain else f"m_{{{_sum_label(term)},{k}}}"
         for i, n in enumerate(sorted({t.dx_power for t in terms})):
             inner = " ".join(
                 rf"{'-' if t.coefficient < 0 else '+'} {latex(abs(t.coefficient))}"
@@ -381,10 +365,6 @@ def _sum_label(term: Any) -> str:
 
 def finite(value: float) -> int | str:
     return "infinite" if value == float("inf") else int(value)
-
-
-def _reach(kernel: Any) -> str:
-    return f"{kernel.support}h" if kernel.boundary_smoothness != float("inf") else "infinite"
 
 
 def _title(operator: Operator) -> str:

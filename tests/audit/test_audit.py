@@ -444,6 +444,7 @@ def test_the_published_list_is_readable_and_finds_what_is_known():
         ("[[kernel]]\ndim=3\n", "expected formula"),
         ("[[kernel]]\ndim=3\nformula='q'\nconstant='1'\nspeed=1\n", "unknown key"),
         ("[[kernel]]\ndim=[2,3]\nformula='cubic-spline'\nconstant='1'\n", "1 constants for 2"),
+        ("[[kernel]]\ndim=3\nformula='q'\nconstant='1'\noperator='x'\n", "expected project"),
         ("[[", "malformed"),
     ],
 )
@@ -451,6 +452,59 @@ def test_a_list_that_cannot_be_read_is_refused(text, said, tmp_path):
     (tmp_path / "l.toml").write_text(text)
     with pytest.raises(ValueError, match=said):
         audit_list(tmp_path / "l.toml")
+
+
+LAMMPS = """
+[[kernel]]
+project = "LAMMPS"
+operator = "density"
+dim = 3
+formula = "0..1: (1-q^2)^4"
+constant = "3465/(512*pi)"
+
+[[kernel]]
+project = "LAMMPS"
+operator = "pressure force"
+dim = 3
+formula = "0..1: (1+3*q)*(1-q)^3"
+derivative = "0..1: -12*q*(1-q)^2"
+constant = "105/(16*pi)"
+"""
+
+
+def test_operators_of_one_code_share_a_kernel(tmp_path):
+    """Both are right by themselves; the second is not the kernel of the first."""
+    (tmp_path / "l.toml").write_text(LAMMPS)
+    density, force = audit_list(tmp_path / "l.toml")
+    assert density.clean
+    assert [fault.kind for fault in force.faults] == [slips.MIXED]
+    assert (
+        "pressure force takes lucy with support 1 h, and density of the same code polynomial:3"
+        in (force.faults[0].message)
+    )
+    for change in (("LAMMPS", "another", 1), ('operator = "pressure force"\n', "", -1)):
+        (tmp_path / "l.toml").write_text(LAMMPS.replace(*change))
+        assert all(report.clean for report in audit_list(tmp_path / "l.toml"))
+    same = LAMMPS.replace("(1-q^2)^4", "(1+3*q)*(1-q)^3").replace("3465/(512*pi)", "105/(16*pi)")
+    (tmp_path / "l.toml").write_text(same)
+    assert all(report.clean for report in audit_list(tmp_path / "l.toml"))
+    wide = same.replace("0..1: (1+3*q)*(1-q)^3", "0..2: (1+3*q/2)*(1-q/2)^3", 1)
+    (tmp_path / "l.toml").write_text(wide.replace("105/(16*pi)", "105/(128*pi)", 1))
+    assert audit_list(tmp_path / "l.toml")[1].faults[0].kind == slips.MIXED
+
+
+def test_the_slope_of_another_kernel_is_named():
+    """Forces from Lucy's gradient beside densities of (1 − q²)⁴, as LAMMPS has them."""
+
+    def w(q):
+        return 3465 / (512 * PI) * np.clip(1 - q**2, 0, None) ** 4
+
+    def dw(q):
+        return 105 / (16 * PI) * -12 * q * np.clip(1 - q, 0, None) ** 2
+
+    (fault,) = audit(w, 3, derivative=dw).faults
+    assert fault.kind == slips.OTHER_DERIVATIVE
+    assert "dW is that of lucy, not of polynomial:3" in fault.message
 
 
 def test_every_report_can_be_written_in_every_format():

@@ -85,7 +85,7 @@ def test_waves_in_space(capsys: pytest.CaptureFixture[str]) -> None:
         0.213370962646,
         0.486002848071,
     ]
-    assert first["growth_rate"][0] == pytest.approx(0.078865508601**0.5)
+    assert first["growth_rate"][0] == pytest.approx(0.078865508601**0.5, rel=1e-11)
     assert second["k"] == ["1", "1", "1"]
     assert found["stable"]["transverse"] is False
 

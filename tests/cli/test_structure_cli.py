@@ -148,7 +148,7 @@ def test_random_points_of_a_rule(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (("-n", "10"), "expected 9 or 16, or start=random"),
         (("-n", "100", "-k", "lucy"), "expected both, or neither"),
-        (("-n", "100", "-o", "glass.txt"), "expected a file ending in .npz, .csv or .json"),
+        (("-n", "100", "-o", "glass.txt"), "expected a name ending in .npz, .csv, .h5"),
         (("-n", "100", "-k", "lucy", "--h-over-dx", "4"), "more than twice the support"),
     ],
 )

@@ -114,6 +114,7 @@ def test_measure_beside_a_wall(capsys: pytest.CaptureFixture[str]) -> None:
         (("wall", "--eta", "-1"), "eta: got -1"),
         (("wall", "--remedy", "magic"), "remedy: got 'magic', expected one of bare,"),
         (("measure", "--dx-over-h", "1/2", "--ghosts", "odd"), "a wall"),
+        (("measure", "--dx-over-h", "1/2", "--wall"), "expected --wall with a distance"),
     ],
 )
 def test_mistakes_end_in_one_line(

@@ -43,9 +43,7 @@ def outside(
     scene: Any, shape: Kernel, operator: Operator, measured: Kernel | None = None
 ) -> list[Any]:
     """The moments whose difference is not within the bound."""
-    derived = wall_lattice_moments(
-        shape, operator, scene.kind, scene.dx_over_h, scene.offset, 2, scene.wall, exact=False
-    )
+    derived = wall_lattice_moments(shape, operator, scene, 2, exact=False)
     found = measure(scene, measured or shape, operator, moments=2, bound=True, workers=1)
     bounds: Any = found.moment_bound
     assert set(derived) == set(found.moments.values)
@@ -124,9 +122,7 @@ def test_fields_are_read_where_ghosts_read_them(ghosts: str) -> None:
     operator = Operator("gradient")
     field = Polynomial({(0,): 0.5, (1,): 1.0, (2,): 0.75})  # errors are relative to A′ = 1
     found: Any = measure(scene, "cubic-spline", operator, field)
-    derived = wall_lattice_moments(
-        kernel("cubic-spline"), operator, "uniform", Fraction(1, 3), scene.offset, 2, scene.wall
-    )
+    derived = wall_lattice_moments(kernel("cubic-spline"), operator, scene, 2)
     expected = sum(c * float(derived[a] - int(a == (1,))) for a, c in field.coefficients.items())
     assert float(np.ravel(found.errors)[0]) == pytest.approx(expected, rel=1e-13)
 

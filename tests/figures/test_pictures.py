@@ -30,6 +30,11 @@ from sphtrunc.figures.picture import (
 )
 
 
+def test_a_notebook_shows_a_figure():
+    """As IPython asks an object of a kind that it does not know."""
+    assert draw(make("kernels", quick=True))._repr_png_().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_is_drawn_labelled_and_tabulated(name, tmp_path):
     picture = make(name, quick=True)

@@ -19,6 +19,7 @@ from sphtrunc.kernels.gaussian import CUTS, Gaussian, named, names
 from sphtrunc.kernels.transform import radial, transform
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.study.comparison import compare
@@ -107,15 +108,16 @@ def test_lattice_sums_are_exponentially_exact(kind: str) -> None:
     offset = tuple(Fraction(i + 1, 6) for i in range(dim))
     for key in (((0,) * dim, (0,) * dim), (unit(dim, 0), unit(dim, 0))):
         for ratio in (Fraction(4, 5), Fraction(6, 5)):
-            direct = float(lattice_sums(gauss, [key], kind, ratio, offset)[key])
-            series = poisson_sum(gauss, key, kind, ratio, offset, 40)
+            scene = Arrangement(kind, ratio, offset)
+            direct = float(lattice_sums(gauss, [key], scene)[key])
+            series = poisson_sum(gauss, key, scene, 40)
             assert abs(series.value - direct) <= series.tail + 4e-15
     if dim == 1:
         with mpmath.workdps(40):
             nome = mpmath.exp(-(mpmath.pi**2) / mpmath.mpf("1.44"))
             theta = mpmath.jtheta(3, mpmath.pi / 6, nome)
             zero = ((0,), (0,))
-            mine = lattice_sums(gauss, [zero], kind, Fraction(6, 5), offset)[zero]
+            mine = lattice_sums(gauss, [zero], scene)[zero]
             assert abs(mpmath.mpf(str(mine)) - theta) < mpmath.mpf(10) ** -19
 
 
@@ -127,8 +129,8 @@ def test_the_error_falls_faster_than_any_power_until_the_cut_overtakes() -> None
         gauss: Any = kernel(name)
         key = ((1,), (1,))
         limit = float(continuous_sum(gauss, key))
-        offset = (Fraction(1, 4),)
-        return abs(float(lattice_sums(gauss, [key], "uniform", ratio, offset)[key]) - limit)
+        scene = Arrangement("uniform", ratio, (Fraction(1, 4),))
+        return abs(float(lattice_sums(gauss, [key], scene)[key]) - limit)
 
     for ratio in (Fraction(1, 2), Fraction(3, 5), Fraction(7, 10)):
         g = 2 * np.pi / float(ratio)
@@ -159,7 +161,7 @@ def test_measured_as_derived(name: str) -> None:
     still = lattice(1, "uniform", "7/10")
     found = measure(still, name, "gradient", moments=1).moments[1][0]
     sums = lattice_sums(
-        kernel(name), Operator().needed(1, 1), "uniform", Fraction(7, 10), (Fraction(0),)
+        kernel(name), Operator().needed(1, 1), Arrangement("uniform", Fraction(7, 10))
     )
     assert float(found) == pytest.approx(float(sums[(1,), (1,)]), rel=1e-14)
     together = compare(jittered(lattice(2, "square", "7/10"), 0.02), name, degree=1, targets=1500)

@@ -20,6 +20,7 @@ from sphtrunc.kernels.transform import (
     transform_mp,
 )
 from sphtrunc.operators.moments import unit
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import KINDS
 from sphtrunc.theory.aliasing import lattice_order
 from sphtrunc.theory.lattice_sums import lattice_sums
@@ -185,9 +186,9 @@ def test_order_is_attained_and_not_exceeded(name: str, dim: int, kind: str) -> N
 
     def largest(centre: Fraction) -> float:
         ratios = [centre * (1 + Fraction(i, 40)) for i in range(12)]
-        zero = (Fraction(0),) * dim
         return max(
-            abs(float(lattice_sums(shape, [key], kind, r, zero, False)[key]) - 1) for r in ratios
+            abs(float(lattice_sums(shape, [key], Arrangement(kind, r), False)[key]) - 1)
+            for r in ratios
         )
 
     measured = np.log2(largest(Fraction(1, 4)) / largest(Fraction(1, 8)))
@@ -210,8 +211,9 @@ def test_direct_and_reciprocal_sums_agree_to_the_stated_tail(kind: str) -> None:
         ("wendland-c4", "quintic-spline"), keys, (Fraction(1, 2), Fraction(9, 10)), offsets
     ):
         shape = kernel(name)
-        series = poisson_sum(shape, key, kind, ratio, offset, 60)
-        direct = float(lattice_sums(shape, [key], kind, ratio, offset, False)[key])
+        scene = Arrangement(kind, ratio, offset)
+        series = poisson_sum(shape, key, scene, 60)
+        direct = float(lattice_sums(shape, [key], scene, False)[key])
         assert series.tail < 1.0
         assert abs(series.value - direct) <= series.tail + 1e-13
 
@@ -219,10 +221,10 @@ def test_direct_and_reciprocal_sums_agree_to_the_stated_tail(kind: str) -> None:
 def test_a_missing_shell_is_seen() -> None:
     """The agreement above is not one of large tails: dropping the largest shell breaks it."""
     shape, key, ratio = kernel("wendland-c4"), (unit(3, 0), unit(3, 0)), Fraction(9, 10)
-    zero = (Fraction(0),) * 3
     for kind in ("cubic", "bcc", "fcc", "hcp"):
-        series = poisson_sum(shape, key, kind, ratio, zero, 400)
-        direct = float(lattice_sums(shape, [key], kind, ratio, zero, False)[key])
+        scene = Arrangement(kind, ratio)
+        series = poisson_sum(shape, key, scene, 400)
+        direct = float(lattice_sums(shape, [key], scene, False)[key])
         largest = max((s.contribution for s in series.shells), key=abs)
         assert abs(series.value - largest - direct) > series.tail
 
@@ -239,7 +241,8 @@ def test_which_lattice_is_best() -> None:
 
 def test_response_to_a_wave_is_the_sum_over_the_particles() -> None:
     shape, ratio, wave = kernel("wendland-c2"), Fraction(3, 5), np.array([0.4, 0.2])
-    main, aliases = response(shape, wave, "hexagonal", ratio, (Fraction(1, 5), Fraction(1, 3)), 300)
+    scene = Arrangement("hexagonal", ratio, (Fraction(1, 5), Fraction(1, 3)))
+    main, aliases = response(shape, wave, scene, 300)
     a = (2 / 3**0.5) ** 0.5
     i, j = np.meshgrid(np.arange(-9, 10), np.arange(-9, 10))
     s = 0.6 * (
@@ -263,8 +266,10 @@ def test_bad_requests() -> None:
     with pytest.raises(ValueError, match="derivative"):
         transform(kernel("cubic-spline"), 1.0, 1, 3)
     with pytest.raises(ValueError, match="jumps"):
-        poisson_sum(kernel("polynomial:-1"), ((1,), (1,)), "uniform", 0.5)
+        poisson_sum(kernel("polynomial:-1"), ((1,), (1,)), Arrangement("uniform", Fraction(1, 2)))
     with pytest.raises(ValueError, match="multi-index"):
-        poisson_sum(kernel("cubic-spline"), ("brookshaw", (1,)), "uniform", 0.5)
+        poisson_sum(
+            kernel("cubic-spline"), ("brookshaw", (1,)), Arrangement("uniform", Fraction(1, 2))
+        )
     with pytest.raises(ValueError, match="components"):
-        response(kernel("cubic-spline"), [0.0, 1.0], "square", 0.5)
+        response(kernel("cubic-spline"), [0.0, 1.0], Arrangement("square", Fraction(1, 2)))

@@ -237,6 +237,10 @@ def test_density_and_force_kernels_are_told_apart(saved, tmp_path):
     assert found.forces.best.kernel == "lucy"
     assert found.forces.best.support_over_h == 1.0
     assert found.forces.next.residual > 10 * found.forces.best.residual
+    assert (
+        "W of the densities is polynomial:3, W′ of the accelerations is that of lucy"
+        in (found.why["operators"])
+    )
 
 
 def test_accelerations_of_something_else_fit_no_kernel(tmp_path):

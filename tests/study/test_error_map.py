@@ -12,8 +12,10 @@ import pytest
 import sphtrunc
 from sphtrunc import Operator
 from sphtrunc.cli import main
-from sphtrunc.study.snapshots.error_map import DEFAULT, error_map, surface_distance
-from sphtrunc.study.snapshots.map_files import vtp, write
+from sphtrunc.scenes.particle_files import vtp
+from sphtrunc.study.snapshots.error_map import DEFAULT, error_map
+from sphtrunc.study.snapshots.map_files import write
+from sphtrunc.study.snapshots.surfaces import half_space_sums, surface_distance
 
 KERNEL = sphtrunc.kernel("wendland-c2")
 SECOND = (Operator("laplacian", "brookshaw"), Operator("hessian", "difference", "rkpm-2"))
@@ -143,6 +145,65 @@ def test_gamma_tells_the_distance_to_a_plane_surface(dim):
     distances = np.array([0.0, 0.12, 0.24, -0.4])
     gamma = np.array([w[s[:, 0] < z].sum() for z in distances]) / w.sum()
     np.testing.assert_allclose(surface_distance(KERNEL, dim, gamma), distances, atol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "dim", "expected"),
+    [
+        ("cubic-spline", 1, (307 / 384, 23 / 48, 13 / 80, 215 / 384)),
+        ("wendland-c2", 2, (0.8234969143, 0.48373139796, 0.13697944466, 0.58163121532)),
+        ("wendland-c2", 3, (108473 / 131072, 8019 / 16384, 69255 / 524288, 76397 / 131072)),
+    ],
+)
+def test_sums_over_half_a_space(name, dim, expected):
+    """∫W, −∫∂ₙW, ∫sₙW and −∫sₙ∂ₙW at half an h from a plane, along an axis and in a turned frame;
+    in 1D integrals of the pieces, in 2D and 3D of the kernel that is integrated over the plane."""
+    zero, one = (0,) * dim, (1,) + (0,) * (dim - 1)
+    keys = [(zero, zero), (one, zero), (zero, one), (one, one)]
+    turned = np.full(dim, dim**-0.5)
+    normal = np.stack([np.eye(dim)[0], turned])
+    found = half_space_sums(sphtrunc.kernel(name), keys, normal, np.array([0.5, 0.5]))
+    for key, value in zip(keys, expected, strict=True):
+        assert found[key][0] == pytest.approx(value, abs=1e-4)
+    assert found[keys[0]][1] == pytest.approx(expected[0], abs=1e-4)
+    assert found[keys[1]][1] == pytest.approx(expected[1] * turned[0], abs=1e-4)
+
+
+def test_what_a_surface_does_is_told_apart_from_disorder():
+    """A strip with two free surfaces and hardly any disorder: of the error of the gradient of y
+    nearly all is of the boundary there, nothing of it inside; the parts add up to the whole."""
+    side, h = 32, 1.8 / 32
+    x = jittered(side, 2, sigma=0.005, seed=2)
+    x = x[x[:, 1] < 0.5]
+    scene = sphtrunc.particles(x, h=h, volume=side**-2.0, period=[1.0, np.inf])
+    found = error_map(scene, KERNEL, DEFAULT[:2], fields={"y": 1 + x[:, 1]})
+    for one in found.fields["y"].values():
+        left = np.linalg.norm(one.disorder, axis=1)
+        whole = np.linalg.norm(one.error, axis=1)
+        at = found.distance < 0.8
+        assert at.sum() >= 2 * side
+        assert np.sqrt((left[at] ** 2).mean()) < 0.15 * np.sqrt((whole[at] ** 2).mean())
+        inside = np.isinf(found.distance)
+        assert inside.sum() > 5 * side
+        assert not one.boundary[inside].any()
+        np.testing.assert_allclose(one.smoothing + one.boundary + one.disorder, one.error)
+
+
+def test_a_linear_field_has_no_smoothing_error_up_to_the_surface():
+    """Where a support is cut, RKPM of degree 3 is as good as singular: what it makes of rounding is
+    not taken for derivatives."""
+    x = jittered(24, 2, sigma=0.05)
+    scene = sphtrunc.particles(x, h=1.3 / 24, volume=24.0**-2)
+    found = error_map(scene, KERNEL, fields={"p": 1e5 - 1e4 * x[:, 1]})
+    for one in found.fields["p"].values():
+        assert one.scale == pytest.approx(1e4, rel=1e-9)
+        assert np.abs(one.smoothing).max() < 1e-9 * one.scale
+    assert np.abs(found.fields["p"]["gradient_difference_csph"].error).max() < 1e-9 * one.scale
+    standard = found.fields["p"]["gradient_standard_none"]
+    for c in range(2):
+        w = sphtrunc.weights(scene, KERNEL, DEFAULT[0], axis=c)
+        true = w @ (1e5 - 1e4 * x[:, 1]) + 1e4 * c
+        np.testing.assert_allclose(standard.error[:, c], true, rtol=0, atol=1e-6 * abs(true).max())
 
 
 def test_a_free_surface_is_found_and_dominates(tmp_path):

@@ -18,6 +18,7 @@ from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.probes import probes
 from sphtrunc.study.comparison import beside, predict_moments
+from sphtrunc.study.structure import local_structure
 
 SIDE = {1: 24, 2: 9, 3: 6}
 POINTS = {1: 600, 2: 48, 3: 15}
@@ -216,11 +217,45 @@ def test_compare_and_measure_say_where_it_comes_from() -> None:
     assert set(row["moments"]) == {"0,0", "1,0", "0,1"}
 
 
+def test_graded_particles_have_a_structure_factor_in_each_part() -> None:
+    """Half of the box twice as dense and displaced five times as much, in its own Δx: S of every
+    part is 1 − e^{−σ²k²} of its own displacements. The whole has another."""
+    rng = np.random.default_rng(6)
+    parts, volumes = [], []
+    for low, side, sigma in ((0.0, 48, 0.05), (24.0, 34, 0.25)):
+        dx = 24.0 / side
+        axes = np.meshgrid(np.arange(side), np.arange(2 * side), indexing="ij")
+        x = (np.stack([a.ravel() for a in axes]) + 0.5) * dx
+        x = x + sigma * dx * rng.normal(size=x.shape)
+        x[0] = np.mod(x[0], 24.0) + low
+        parts.append(x)
+        volumes.append(np.full(x.shape[1], dx * dx))
+    scene = particles(
+        np.concatenate(parts, axis=1).T, h=1.0, volume=np.concatenate(volumes), period=48.0
+    )
+    found = local_structure(scene, (2, 2))
+    assert len(found) == 4
+    for one in found:
+        sigma = 0.05 if one.low[0] == 0.0 else 0.25
+        assert one.spacing == pytest.approx(24.0 / (48 if sigma == 0.05 else 34), rel=0.01)
+        k, S, error = one.factor.radial(12)
+        inside = (k > 1.0) & (k < 4.5)
+        expected = 1 - np.exp(-((sigma * k) ** 2))
+        assert np.all(np.abs(S - expected)[inside] < 4 * error[inside] + 0.02 * expected[inside])
+        assert inside.sum() >= 4
+    with pytest.raises(ValueError, match="expected at least 64; fewer parts"):
+        local_structure(scene, 20)
+    with pytest.raises(ValueError, match="expected how many parts"):
+        local_structure(scene, 0)
+
+
 def test_scenes_and_their_structure_factor() -> None:
     home = lattice(2, "square", "1/2")
     k = np.array([[0.5], [0.2]])
     assert structure_factor(home)(k)[0] == 0.0
-    assert structure_factor(jittered(home, 0.2))(k)[0] == pytest.approx(1 - np.exp(-0.04 * 0.29))
+    assert structure_factor(jittered(home, 0.2))(k)[0] == pytest.approx(
+        1 - np.exp(-0.04 * 0.29), rel=1e-14
+    )
     scene = particles(shaken(2, 0.1, 8), h=1.4, volume=1.0, period=9.0)
     assert structure_factor(probes(scene, 3)).particles == 81
     with pytest.raises(ValueError, match="graded"):

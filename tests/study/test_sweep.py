@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from math import prod
 
@@ -19,8 +20,13 @@ import pytest
 
 from sphtrunc.cli import main
 from sphtrunc.experiment.fields import sinusoid
+from sphtrunc.experiment.glasses import glass
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.experiment.relaxation import with_h
+from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
+from sphtrunc.scenes.relaxed import recipe
+from sphtrunc.scenes.walls import GHOSTS
 from sphtrunc.study.sweep import AXES, COLUMNS, Study, operator_of, scene_of, sweep, to_csv, values
 
 SMALL = Study(
@@ -55,7 +61,7 @@ def test_every_row_is_a_measurement(tmp_path):
             row["kernel"],
             operator_of(row["operator"], row["form"], row["correction"]),
             sinusoid(row["h-over-lambda"]),
-            targets=60 if hasattr(scene, "sigma") else None,
+            targets=60 if scene.sigma else None,
         )
         assert row["targets"] == alone.targets
         # both ways round differently: 40 terms of the series, Σ|w| <= 10, kh = 2π h/λ
@@ -453,3 +459,87 @@ def test_the_command(capsys):
         main(["sweep", "--dx-over-h", "0.2:0.4"])
     assert stop.value.code == 2
     assert "dx-over-h" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------ beside a wall
+
+
+BESIDE = Study(
+    axes={
+        "wall": ("0", "1/3", "2"),
+        "wall-at": ("half-way",),
+        "dx-over-h": ("3/10",),
+        "operator": ("value", "gradient/difference/csph", "laplacian/brookshaw"),
+        "h-over-lambda": ("0.003", "0.1"),
+    },
+    rtol=None,
+    targets=40,
+)
+
+
+@pytest.mark.parametrize("ghosts", GHOSTS)
+def test_rows_beside_a_wall_are_measurements(ghosts):
+    """By many wavelengths at once, and one by one; with ghosts there is no prediction."""
+    distances = ("3/10", "2") if ghosts == "dummy" else BESIDE.axes["wall"]  # dummies see fluid
+    rows = sweep(replace(BESIDE, axes={**BESIDE.axes, "wall": distances, "ghosts": (ghosts,)}))
+    assert len(rows) == len(distances) * 3 * 2
+    for row in rows:
+        scene = scene_of({name: str(row[name] or "") for name in AXES}, 0)
+        operator = operator_of(row["operator"], row["form"], row["correction"])
+        alone = measure(scene, row["kernel"], operator, sinusoid(row["h-over-lambda"]))
+        within = 1e-13 / float(row["h-over-lambda"]) ** operator.derivatives
+        assert abs(row["rms"] - alone.error["rms"]) <= within
+        assert (row["predicted"] is None) == (ghosts != "none")
+
+
+@pytest.mark.parametrize("jitter", ["0", "0.05"])
+def test_rows_beside_a_wall_are_predicted(jitter):
+    """On a lattice to its rounding; of 40 targets the rms of waves of random phase to 5/√80."""
+    within = {"0": 1e-9, "0.05": 5 / 80**0.5}[jitter]
+    rows = sweep(replace(BESIDE, axes={**BESIDE.axes, "jitter": (jitter,)}))
+    assert len(rows) == 18
+    for row in rows:
+        assert abs(row["rms"] / row["predicted"] - 1) <= within
+    at_wall, far = (
+        [r["smoothing"] for r in rows if r["wall"] == eta and r["operator"] == "gradient"]
+        for eta in ("0", "2")
+    )
+    assert at_wall[0] > 20 * far[0]  # of first order at the wall, of second inside
+
+
+def test_walls_that_are_refused():
+    for axes, message in (
+        ({"ghosts": ("mirror",)}, "need a wall"),
+        ({"wall": ("1",), "jitter": ("0.1",), "ghosts": ("mirror",)}, "ghosts: got mirror"),
+        ({"wall": ("0",), "wall-at": ("half-way",), "ghosts": ("dummy",)}, "see no fluid"),
+        ({"wall": ("-1",)}, "wall: got η = -1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            sweep(Study(axes=axes))
+
+
+def test_relaxed_particles_are_an_axis():
+    """Two glasses, measured as `measure` measures them, with the prediction of their S(k)."""
+    recipes = ("relaxed:glass,N=225,steps=20", "relaxed:glass,N=225,steps=20,seed=1")
+    axes = {
+        "kernel": ("wendland-c2",), "dim": ("2",), "particles": recipes, "dx-over-h": ("2/3",),
+        "h-over-lambda": ("0.05",), "operator": ("gradient/difference/csph", "laplacian/nested"),
+    }  # fmt: skip
+    rows = sweep(Study(axes=axes, rtol=None, targets=200))
+    assert [row["particles"] for row in rows] == [recipes[0]] * 2 + [recipes[1]] * 2
+    for text, row in zip(recipes, rows[::2], strict=True):
+        scene = with_h(glass(recipe(text, 2)).particles, 1.5)
+        operator = Operator("gradient", "difference", "csph")
+        one = measure(scene, "wendland-c2", operator, sinusoid("0.05", dim=2), targets=200)
+        assert row["rms"] == pytest.approx(one.error["rms"], rel=1e-12)
+        assert row["rms"] == pytest.approx(row["predicted"], rel=0.1)
+        assert row["lattice"] == ""
+    assert all(row["predicted"] is None for row in rows[1::2])  # no S(k) predicts the nested form
+    for more, says in (
+        ({"jitter": ("0.1",)}, "jitter: belongs to a lattice"),
+        ({"dim": ("3",)}, "N: got 225, which is no power 3"),
+        ({"particles": ("relaxed:glass,N=225,dim=1",)}, "dim: got 2, and relaxed:glass"),
+        ({"dx-over-h": ("1/8",)}, "more than twice the support"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            sweep(Study(axes=axes | more, rtol=None, targets=200))

@@ -12,12 +12,14 @@ import pytest
 
 from sphtrunc import measure, particles, sinusoid
 from sphtrunc.cli import main
+from sphtrunc.experiment.fields import Values
 from sphtrunc.experiment.wavelengths import waves
 from sphtrunc.kernels.conventions import convert
 from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
+from sphtrunc.study.boundary_layer import boundary_layer
 from sphtrunc.study.plateaus import explain, explanations, findings, read_table
 from sphtrunc.study.structure import disorder
 from sphtrunc.study.tuning import (
@@ -452,3 +454,62 @@ def test_a_minimum_at_either_end_of_the_grid_is_found():
     assert _minimum(lambda x: x, grid) == 0.0
     assert _minimum(lambda x: -x, grid) == 4.0
     assert _minimum(lambda x: (x - 1.3) ** 2, grid) == pytest.approx(1.3, abs=0.5 / 2**5)
+
+
+# ------------------------------------------------------------------------------ beside a wall
+
+
+@pytest.mark.parametrize(("dim", "name"), [(1, "cubic-spline"), (2, "wendland-c2")])
+@pytest.mark.parametrize("operator", [STANDARD, CSPH], ids=str)
+def test_the_boundary_layer_is_that_of_particles_between_walls(dim, name, operator) -> None:
+    """All particles of a slab, of sin and cos: the mean square of all phases, to rounding; the
+    slab is explicit particles, and nobody tells them of a wall."""
+    ratio, x, n = 0.5, 0.02, 200
+    problem = Problem(dim, operator)
+    chosen = setting(problem, kernel(name), ratio, x)
+    found = boundary_layer(problem, kernel(name), chosen, n * ratio * x)
+    line = (np.arange(n) + 0.5) * ratio
+    across = np.arange(9) * ratio
+    grid = np.stack(np.meshgrid(line, *[across] * (dim - 1), indexing="ij")).reshape(dim, -1)
+    period = None if dim == 1 else [np.inf, 9 * ratio]
+    scene = particles(grid.T, h=1.0, volume=ratio**dim, period=period)
+    k = 2 * np.pi * x
+    square = 0.0
+    for values, slope in ((np.sin, np.cos), (np.cos, lambda s: -np.sin(s))):
+        estimate = measure(scene, name, operator, Values(values(k * grid[0]))).estimates
+        exact = np.zeros_like(grid)
+        exact[0] = k * slope(k * grid[0])
+        square += np.mean(((estimate - exact) ** 2).sum(axis=0)) / (2 * k**2)
+    assert found.rms == pytest.approx(square**0.5, rel=1e-9)
+    far = chosen.error.total**2
+    assert found.error == pytest.approx(1 - far / square, rel=1e-9)
+    assert 0 < found.reach < 2
+    assert found.particles == 2 * sum(eta <= found.reach for eta in found.eta) / n
+
+
+def test_orders_on_and_off_the_wall() -> None:
+    orders = {STANDARD: (-1, 2), DIFFERENCE: (0, 2), CSPH: (1, 2), SHEPARD: (0, 2)}
+    for operator, wanted in orders.items():
+        problem = Problem(1, operator)
+        chosen = setting(problem, kernel("cubic-spline"), 0.5, 0.02)
+        found = boundary_layer(problem, kernel("cubic-spline"), chosen, 4.0)
+        assert (found.order, found.order_inside) == wanted
+
+
+def test_tune_with_a_wall(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ("--kernel", "cubic-spline", "--particles-per-wavelength", "20", "--wall")
+    status, out, _ = run(capsys, *command, "--box", "5", "--format", "json")
+    wall = json.loads(out)["wall"]
+    assert (status, wall["domain"], wall["at"], wall["order"]) == (0, 5.0, "half-way", -1)
+    status, out, _ = run(capsys, *command, "--box", "5")
+    said = " ".join(out.split())
+    assert f"another up to {wall['reach']:.3g} h" in said
+    assert "Between two walls 5 λ apart" in said
+    for extra, message in (
+        (["--box", "0.05"], "expected more than two supports"),
+        (["--disorder", "poisson"], "expected --jitter"),
+        (["--operator", "laplacian", "--form", "nested"], "not for the nested form"),
+    ):
+        status, _, error = run(capsys, *command, *extra)
+        assert status == 2
+        assert message in " ".join(error.split())

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from sphtrunc import derive, kernel
-from sphtrunc.experiment.fields import polynomial
+from sphtrunc.experiment.engine import volumes
+from sphtrunc.experiment.fields import polynomial, sinusoid
 from sphtrunc.experiment.measuring import measure
+from sphtrunc.experiment.wavelengths import waves
+from sphtrunc.operators.h_rules import RULES
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
-from sphtrunc.scenes.particles import particles
+from sphtrunc.scenes.particles import Particles, particles
 from sphtrunc.scenes.smoothing_lengths import linear, sloped
 from sphtrunc.study.comparison import compare, predict_error, predict_moments
 from sphtrunc.study.conservation.atmosphere import atmosphere_errors
@@ -33,7 +36,7 @@ GRADIENTS = {1: ["1/5"], 2: ["1/7", "-1/9"], 3: ["1/7", "0", "-1/9"]}
 
 
 @pytest.mark.parametrize("operator", OPERATORS, ids=str)
-@pytest.mark.parametrize("rule", ["gather", "scatter", "mean"])
+@pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize(("dim", "kind"), [(1, "uniform"), (2, "square"), (2, "hexagonal")])
 def test_lattices_agree_within_rounding(dim: int, kind: str, rule: str, operator: Operator) -> None:
     scene = sloped(lattice(dim, kind, "4/5"), GRADIENTS[dim], rule)
@@ -60,10 +63,13 @@ def test_a_small_change_is_seen() -> None:
     assert difference > 1e6 * float(measured.moment_bound[2,].max())
 
 
-def test_precisions_agree() -> None:
+@pytest.mark.parametrize("rule", RULES)
+def test_precisions_agree(rule: str) -> None:
     """Pairs of floats and 60 digits give the derived fractions, to their own rounding."""
-    scene = sloped(lattice(1, "uniform", "10/13"), "1/5", "scatter")
-    derived = derive("cubic-spline", degree=3, dx_over_h="10/13", h_gradient="1/5").discrete
+    scene = sloped(lattice(1, "uniform", "10/13"), "1/5", rule)
+    derived = derive(
+        "cubic-spline", degree=3, dx_over_h="10/13", h_gradient="1/5", h_rule=rule
+    ).discrete
     for precision in ("extended", "exact"):
         found = measure(scene, "cubic-spline", moments=3, precision=precision)
         for k in range(4):
@@ -75,7 +81,7 @@ def test_precisions_agree() -> None:
     [Operator("value"), Operator("gradient"), Operator("gradient", "difference", "csph")],
     ids=str,
 )
-@pytest.mark.parametrize(("dim", "rule"), [(1, "scatter"), (2, "mean")])
+@pytest.mark.parametrize(("dim", "rule"), [(1, "scatter"), (1, "mean-kernel"), (2, "mean")])
 def test_disorder_agrees_within_four_standard_errors(
     dim: int, rule: str, operator: Operator
 ) -> None:
@@ -135,6 +141,46 @@ def test_explicit_particles_with_linear_h_are_the_scene() -> None:
         linear(x, 1.0, [0.4], [0.0])
 
 
+def cloud_of(rule: str, **weights: object) -> Particles:
+    random = np.random.default_rng(11)
+    return particles(random.random((60, 2)), h=random.uniform(0.2, 0.5, 60), mode=rule, **weights)
+
+
+def test_the_mean_kernel_is_the_mean_of_two() -> None:
+    """Sums are linear in the kernel: on particles with an h each the moments are the mean of those
+    of gather and scatter, within the bounds of all three."""
+    gather, scatter, mean = (
+        measure(cloud_of(rule, volume=1 / 60), "cubic-spline", moments=1, bound=True)
+        for rule in ("gather", "scatter", "mean-kernel")
+    )
+    for alpha, values in mean.moments.values.items():
+        wanted = (gather.moments[alpha] + scatter.moments[alpha]) / 2
+        room = sum(one.moment_bound[alpha] for one in (gather, scatter, mean))
+        assert np.all(np.abs(values - wanted) <= room + UNIT * np.abs(wanted))
+        assert np.any(np.abs(gather.moments[alpha] - scatter.moments[alpha]) > 1e-2)
+
+
+def test_summed_densities_of_the_mean_kernel() -> None:
+    """1/V is as linear; sums of 60 positive terms, a dozen roundings each."""
+    gather, scatter, mean = (
+        1 / volumes(cloud_of(rule, mass=1.0), kernel("cubic-spline"))
+        for rule in ("gather", "scatter", "mean-kernel")
+    )
+    assert np.all(np.abs(mean - (gather + scatter) / 2) <= 100 * UNIT * mean)
+    assert np.any(np.abs(gather - scatter) > 1e-2 * mean)
+
+
+@pytest.mark.parametrize("rule", ["scatter", "mean-kernel"])
+def test_many_waves_at_once_with_a_gradient_of_h(rule: str) -> None:
+    scene = sloped(jittered(lattice(2, None, "1/2"), 0.1), ["1/7", "0"], rule)
+    operators = [Operator("gradient"), Operator("gradient", "difference", "csph")]
+    for operator, row in zip(
+        operators, waves(scene, "cubic-spline", operators, ["1/50"], targets=50), strict=True
+    ):
+        alone = measure(scene, "cubic-spline", operator, sinusoid("1/50", dim=2), targets=50)
+        assert np.abs(row[0].errors - alone.errors).max() < 1e-11
+
+
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_the_atmosphere_within_two_percent(dim: int) -> None:
     """Particles of an isothermal atmosphere at h/L = 0.02: the error of the acceleration of all six
@@ -161,8 +207,8 @@ def test_the_rest_of_the_atmosphere_is_of_the_next_order(dim: int) -> None:
 
 def test_what_is_refused() -> None:
     home = lattice(1, "uniform", "1/2")
-    with pytest.raises(ValueError, match="h-rule: got 'mean-kernel', expected one of gather"):
-        sloped(home, "1/5", "mean-kernel")
+    with pytest.raises(ValueError, match="h-rule: got 'largest', expected one of gather"):
+        sloped(home, "1/5", "largest")
     with pytest.raises(ValueError, match="h-gradient: got 2 numbers, expected 1 or 1"):
         sloped(home, ["1/5", "1/5"])
     with pytest.raises(ValueError, match=r"h-gradient: .* expected \|g\| below 1/2"):

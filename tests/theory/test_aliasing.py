@@ -16,6 +16,7 @@ from sphtrunc import derive, kernel
 from sphtrunc.cli import group
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import KINDS
 from sphtrunc.theory.aliasing import aliasing, leading_degree, ranking
 from sphtrunc.theory.lattice_sums import lattice_sums
@@ -30,8 +31,8 @@ def error(name: str, operator: Operator, kind: str, ratio: Fraction, offset: Any
     shape, dim = kernel(name), KINDS[kind].dim
     degree = leading_degree(operator)
     keys = operator.needed(dim, degree)
-    place = offset or (Fraction(0),) * dim
-    there = operator.correct(lattice_sums(shape, keys, kind, ratio, place, False), dim, degree)
+    scene = Arrangement(kind, ratio, offset or ())
+    there = operator.correct(lattice_sums(shape, keys, scene, False), dim, degree)
     limit = operator.correct({key: continuous_sum(shape, key) for key in keys}, dim, degree)
     alpha = unit(dim, 0, degree)
     return float(there[alpha] - limit[alpha])
@@ -69,7 +70,7 @@ def test_order_is_attained_and_not_exceeded(operator: Operator, name: str, kind:
         return max(abs(error(name, operator, kind, ratio)) for ratio in ratios)
 
     dim = KINDS[kind].dim
-    order = aliasing(kernel(name), operator, kind, None, (Fraction(0),) * dim).order
+    order = aliasing(kernel(name), operator, dim).order
     assert order is not None
     measured = np.log2(largest(Fraction(1, 4)) / largest(Fraction(1, 8)))
     assert abs(measured - float(order.power)) < 0.5
@@ -85,7 +86,7 @@ def test_the_shells_add_up_to_the_direct_sum(kind: str) -> None:
         ("wendland-c6", "polynomial:4"),
         ((Fraction(0),) * dim, tuple(Fraction(i + 1, 7) for i in range(dim))),
     ):
-        found = aliasing(kernel(name), operator, kind, Fraction(3, 4), offset)
+        found = aliasing(kernel(name), operator, dim, Arrangement(kind, Fraction(3, 4), offset))
         told = sum(shell.contribution for shell in found.shells)
         rest = abs(error(name, operator, kind, Fraction(3, 4), offset) - told)
         assert rest <= found.tail + 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import comb, factorial, sqrt
@@ -16,6 +17,7 @@ from sympy import Rational, oo, pi
 from sphtrunc import compare, kernel
 from sphtrunc.operators.moments import multi_indices, unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.theory.disorder.leading_law import gradient_norm, leading_coefficient, moment_rows
@@ -96,7 +98,6 @@ def test_spread_of_standard_difference_and_csph(
     shape = kernel("polynomial:4")
     exact = Fraction(ratio)
     measured: Any = monte_carlo("polynomial:4", dim, float(exact), sigma, targets)
-    zero = (Fraction(0),) * dim
     allowed = 0.03 + 3 / (2 * targets) ** 0.5
     cases = [
         (STANDARD, "plain", unit(dim, 0, 0)),
@@ -104,7 +105,7 @@ def test_spread_of_standard_difference_and_csph(
         (Operator("gradient", "difference", "csph"), "csph", unit(dim, 0, 2)),
     ]
     for operator, which, alpha in cases:
-        theory = predict(shape, operator, KIND[dim], exact, zero, sigma=sigma, degree=2)
+        theory = predict(shape, operator, Arrangement(KIND[dim], exact, sigma=sigma), degree=2)
         sample = measured[which][alpha]
         assert abs(sample.std() / theory.std[alpha] - 1) < allowed, (
             operator,
@@ -134,10 +135,8 @@ def test_means_over_uniform_displacements_are_exact(operator: Operator, offset: 
     assert (
         max(map(abs, near)) + largest < 2 < min(abs(s) for s in places if s not in near) - largest
     )
-    found = predict(
-        kernel("polynomial:4"), operator, "uniform", ratio, (offset,), sigma=float(sigma),
-        distribution="uniform", degree=2,
-    )  # fmt: skip
+    scene = Arrangement("uniform", ratio, (offset,), sigma=float(sigma), distribution="uniform")
+    found = predict(kernel("polynomial:4"), operator, scene, degree=2)
     assert found.how.startswith("displacements of any size")
     g = [-c for c in differentiated(shape.pieces[0])] if operator.derivatives else shape.pieces[0]
     for power in range(3):
@@ -163,9 +162,8 @@ def test_means_over_gaussian_displacements_are_averages_of_the_kernel(
     with it, is not averaged."""
     shape, ratio, sigma = kernel("polynomial:4"), 0.8, 0.15
     spread = sigma * ratio * (1.0 if offset else sqrt(2.0))
-    found = predict(
-        shape, operator, "uniform", Fraction(4, 5), (Fraction(offset),), sigma=sigma, degree=2
-    )
+    scene = Arrangement("uniform", Fraction(4, 5), (Fraction(offset),), sigma=sigma)
+    found = predict(shape, operator, scene, degree=2)
 
     def g(s: Any) -> Any:
         return -shape.dw(np.abs(s)) * np.sign(s) if operator.derivatives else shape.w(np.abs(s))
@@ -191,10 +189,9 @@ def test_means_over_gaussian_displacements_are_averages_of_the_kernel(
 def test_leading_law_is_what_propagation_tends_to(dim: int, ratio: str) -> None:
     """(σ/Δx)(Δx/h)^{1+d/2} ‖∇g‖₂, and twice the ratio is twice the power."""
     shape = kernel("polynomial:4")
-    zero = (Fraction(0),) * dim
     for operator, alpha in product((STANDARD,), multi_indices(dim, 2)):
         coefficient = float(leading_coefficient(shape, operator, alpha)) ** 0.5
-        slopes, _ = propagate(shape, operator, KIND[dim], Fraction(ratio), zero, "constant", 2)
+        slopes, _ = propagate(shape, operator, Arrangement(KIND[dim], Fraction(ratio)), 2)
         exact = float(np.sqrt((slopes[alpha] ** 2).sum()))
         law = float(Fraction(ratio)) ** (1 + dim / 2) * coefficient
         assert abs(exact / law - 1) < 0.01
@@ -268,16 +265,13 @@ def test_propagation(
     measured: Any = monte_carlo(
         "wendland-c4", dim, float(exact), sigma, targets, distribution=distribution, volume=volume
     )
-    zero = (Fraction(0),) * dim
+    scene = Arrangement(KIND[dim], exact, sigma=sigma, distribution=distribution, volume=volume)
     allowed = 0.05 + 3 / (2 * targets) ** 0.5
     for operator, which, alphas in (
         (STANDARD, "plain", [unit(dim, 0, n) for n in range(3)]),
         (Operator("gradient", "standard", "csph"), "csph", [unit(dim, 0, 0), unit(dim, 0, 2)]),
     ):
-        theory = predict(
-            shape, operator, KIND[dim], exact, zero,
-            sigma=sigma, distribution=distribution, volume=volume, degree=2,
-        )  # fmt: skip
+        theory = predict(shape, operator, scene, degree=2)
         for alpha in alphas:
             sample = measured[which][alpha]
             assert abs(sample.std() / theory.std[alpha] - 1) < allowed, (which, alpha)
@@ -289,9 +283,8 @@ def test_slopes_are_the_derivatives_of_the_moments() -> None:
     """RKPM-1 with summation volumes in 2D: moving one particle by a little, by hand."""
     shape, ratio, step = kernel("wendland-c2"), 0.7, 1e-5
     operator = Operator("gradient", "standard", "rkpm-1")
-    slopes, index = propagate(
-        shape, operator, "square", Fraction(7, 10), (Fraction(0),) * 2, "summation", 2
-    )
+    scene = Arrangement("square", Fraction(7, 10), volume="summation")
+    slopes, index = propagate(shape, operator, scene, 2)
     points = index.T.astype(float)
     home = int(np.flatnonzero((index == 0).all(0))[0])
 
@@ -326,11 +319,11 @@ def test_slopes_are_the_derivatives_of_the_moments() -> None:
 
 def test_symmetric_form_of_equal_densities_has_twice_the_standard_constant_moment() -> None:
     """A_b + A_a: M_0 and all that displacements do to it double, the other moments stay."""
-    shape, zero = kernel("wendland-c4"), (Fraction(0),) * 2
+    shape = kernel("wendland-c4")
     symmetric = Operator("gradient", "symmetric")
     for sigma in (0.05, 0.2):
         plain, double = (
-            predict(shape, o, "square", Fraction(2, 5), zero, sigma=sigma, degree=2)
+            predict(shape, o, Arrangement("square", Fraction(2, 5), sigma=sigma), degree=2)
             for o in (STANDARD, symmetric)
         )
         for alpha in plain.mean:
@@ -347,10 +340,8 @@ def test_slopes_of_the_symmetric_form_where_densities_vary(volume: str) -> None:
     """−Σ (s^α V_b²/V_a + [α = 0] V_a) ∂Ŵ of equal masses, moving one particle by a little."""
     shape, ratio, step = kernel("wendland-c2"), 0.7, 1e-5
     dim = 1 if volume == "cell" else 2
-    slopes, index = propagate(
-        shape, Operator("gradient", "symmetric"), KIND[dim], Fraction(7, 10),
-        (Fraction(0),) * dim, volume, 2,
-    )  # fmt: skip
+    scene = Arrangement(KIND[dim], Fraction(7, 10), volume=volume)
+    slopes, index = propagate(shape, Operator("gradient", "symmetric"), scene, 2)
     points = index.T.astype(float)
     home = int(np.flatnonzero((index == 0).all(0))[0])
 
@@ -457,8 +448,7 @@ def test_strong_disorder_with_few_neighbours(dim: int, kind: str, options: Any) 
 
 
 def test_no_disorder_no_spread() -> None:
-    zero = (Fraction(0),) * 2
-    quiet = predict(kernel("cubic-spline"), STANDARD, "hexagonal", Fraction(1, 2), zero)
+    quiet = predict(kernel("cubic-spline"), STANDARD, Arrangement("hexagonal", Fraction(1, 2)))
     assert set(quiet.std.values()) == {0.0}
     assert quiet.mean[0, 0] == 0.0
 
@@ -466,12 +456,12 @@ def test_no_disorder_no_spread() -> None:
 def test_fixed_target_and_finite_displacements() -> None:
     """A target beside the particles: the mean is the lattice sum of the smeared kernel."""
     shape, ratio, sigma, targets = kernel("wendland-c4"), Fraction(7, 5), 0.1, 200_000
-    offset = (Fraction(1, 4),)
-    theory = predict(shape, STANDARD, "uniform", ratio, offset, sigma=sigma, degree=1)
+    scene = Arrangement("uniform", ratio, (Fraction(1, 4),), sigma=sigma)
+    theory = predict(shape, STANDARD, scene, degree=1)
     rng = np.random.default_rng(5)
     s = 1.4 * (np.arange(-5, 6) + 0.25 + sigma * rng.normal(size=(targets, 11)))
     m1 = (-1.4 * shape.dw(np.abs(s)) * np.abs(s)).sum(1)
-    still = predict(shape, STANDARD, "uniform", ratio, offset, degree=1)
+    still = predict(shape, STANDARD, replace(scene, sigma=0.0), degree=1)
     error = m1.std() / targets**0.5
     assert abs(m1.mean() - theory.mean[1,]) < 4 * error
     assert abs(m1.mean() - still.mean[1,]) > 8 * error
@@ -480,17 +470,9 @@ def test_fixed_target_and_finite_displacements() -> None:
 def test_bad_requests() -> None:
     with pytest.raises(ValueError, match="leading law"):
         leading_coefficient(kernel("cubic-spline"), Operator("gradient", "standard", "csph"), (0,))
-    zero = (Fraction(0),) * 3
+    scene = Arrangement("hcp", Fraction(1, 2), sigma=0.1, distribution="blue")
     with pytest.raises(ValueError, match="blue"):
-        predict(
-            kernel("cubic-spline"),
-            STANDARD,
-            "hcp",
-            Fraction(1, 2),
-            zero,
-            sigma=0.1,
-            distribution="blue",
-        )
+        predict(kernel("cubic-spline"), STANDARD, scene)
 
 
 def test_norm_of_a_second_derivative_form() -> None:

@@ -485,7 +485,7 @@ def test_branches_where_they_meet() -> None:
 def test_growth_of_complex_frequencies() -> None:
     assert growth(-4.0) == 2
     assert growth(4.0) == 0
-    assert growth(2j) == pytest.approx(1)
+    assert growth(2j) == pytest.approx(1, rel=1e-15)
 
 
 # -- what cannot be ----------------------------------------------------------------------------

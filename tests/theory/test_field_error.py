@@ -7,7 +7,7 @@ from itertools import product
 from math import factorial, pi, prod, sqrt
 
 import pytest
-from strategies import OPERATORS
+from strategies import OPERATORS, operators
 
 from sphtrunc.experiment.fields import polynomial, sinusoid
 from sphtrunc.experiment.measuring import measure
@@ -16,6 +16,7 @@ from sphtrunc.kernels.parse import kernel
 from sphtrunc.kernels.transform import smoothing_error
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.lattice import lattice
 from sphtrunc.scenes.sites import DEFAULT
@@ -29,10 +30,12 @@ LENGTHS = (1e-3, 0.02, 0.1, 0.3)
 SHAPE = kernel("polynomial:4")
 
 
-def predicted(operator, dim, ratio, lengths=LENGTHS, shape=SHAPE, offset=0, kind=None, **disorder):
+def predicted(
+    operator, dim, ratio, lengths=LENGTHS, shape=SHAPE, offset=0, kind=None, along=None, **disorder
+):
     shift = (Fraction(offset),) * dim
-    place = kind or DEFAULT[dim]
-    return predict_waves(shape, operator, place, Fraction(ratio), shift, lengths, **disorder)
+    scene = Arrangement(kind or DEFAULT[dim], Fraction(ratio), shift, **disorder)
+    return predict_waves(shape, operator, scene, lengths, direction=along)
 
 
 @pytest.mark.parametrize(
@@ -41,18 +44,19 @@ def predicted(operator, dim, ratio, lengths=LENGTHS, shape=SHAPE, offset=0, kind
         (1, "uniform", "7/10", "polynomial:4"),
         (1, "uniform", "10/13", "cubic-spline"),
         (2, "hexagonal", "3/5", "quintic-spline"),
-        (3, "bcc", "4/5", "wendland-c4"),
+        (3, "bcc", "19/20", "wendland-c4"),
     ],
 )
 def test_on_lattices_the_prediction_is_the_measurement(dim, kind, ratio, name):
     shape = kernel(name)
-    table = waves(lattice(dim, kind, ratio), shape, OPERATORS, LENGTHS)
-    for operator, row in zip(OPERATORS, table, strict=True):
+    every = [o for o in operators(dim) if o.name not in ("divergence", "curl")]
+    table = waves(lattice(dim, kind, ratio), shape, every, LENGTHS)
+    for operator, row in zip(every, table, strict=True):
         theory = predicted(operator, dim, ratio, shape=shape, kind=kind)
         for length, one, split in zip(LENGTHS, row, theory, strict=True):
             k = 2 * pi * length
-            # sums of Σ|w| <= 100 in units of 1/h^m, evaluated from expanded polynomials (10³ u)
-            rounding = 1e3 * 2.0**-53 * 100 / min(k, 1.0) ** operator.derivatives
+            # sums of Σ|w| <= 100 in units of 1/h^m, some ten roundings in each of their terms
+            rounding = 10 * 2.0**-53 * 100 / min(k, 1.0) ** operator.derivatives
             assert abs(one.error["rms"] - split.total) <= rounding, (operator, length)
             assert split.disorder == 0.0
 
@@ -109,29 +113,23 @@ def test_the_leading_law_of_disorder(dim):
         (3, "7/10", 0.1, "gaussian", "constant", 1500),
     ],
 )
-def test_in_disorder_the_prediction_is_within_5_percent_or_3_errors(
+def test_in_disorder_the_prediction_is_as_good_as_it_says(
     dim, ratio, sigma, distribution, volume, targets
 ):
+    """Within 4 standard errors and what the prediction is said to be good to, 1 % where nothing
+    is said (`predict_fields`)."""
     extent = 2**20 if dim == 1 else 1000
     scene = jittered(lattice(dim, None, ratio, volume=volume, extent=extent), sigma, distribution)
-    # a correction of degree 2, and of strong disorder, is beyond first order in its algebra, and
-    # strong disorder of the nested form in 1D beyond the orders in its displacements
-    strong = sigma >= 0.1
-    left_out = {"rkpm-2"}
-    if strong:
-        left_out |= {"rkpm-1", "fatehi-manzari"} | ({"nested"} if dim == 1 else set())
-    operators = [o for o in OPERATORS if not {o.correction, o.form} & left_out]
-    assert len(operators) >= 9
-    table = waves(scene, SHAPE, operators, LENGTHS, targets=targets)
-    for operator, row in zip(operators, table, strict=True):
+    table = waves(scene, SHAPE, OPERATORS, LENGTHS, targets=targets)
+    for operator, row in zip(OPERATORS, table, strict=True):
         theory = predicted(
             operator, dim, ratio, sigma=sigma, distribution=distribution, volume=volume
         )
-        for one, split in zip(row, theory, strict=True):
+        for length, one, split in zip(LENGTHS, row, theory, strict=True):
             rms = one.error["rms"]
             low, high = one.error["rms_ci95"]
-            allowed = max(0.05 * rms, 3 / 1.96 * (high - low) / 2)
-            assert abs(rms - split.total) <= allowed, (operator, rms, split)
+            allowed = 4 / 1.96 * (high - low) / 2 + max(0.01, split.uncertainty) * rms
+            assert abs(rms - split.total) <= allowed, (operator, length)
 
 
 def test_the_parts_say_which_one_dominates():
@@ -208,7 +206,7 @@ def test_a_polynomial_is_the_sum_of_its_moments(dim, kind):
     degree = max(map(sum, terms))
     for operator in [o for o in OPERATORS if o.derivatives]:
         keys = operator.needed(dim, degree)
-        direct = lattice_sums(shape, keys, kind, ratio, scene.offset, False)
+        direct = lattice_sums(shape, keys, scene, False)
         integrals = {key: continuous_sum(shape, key) for key in keys}
         squares = {"whole": 0.0, "smooth": 0.0, "rest": 0.0}
         for axis in range(len(operator.components(dim))):
@@ -234,14 +232,14 @@ def test_the_smoothing_part_does_not_depend_on_the_direction(dim):
     """Kernels are isotropic: only the components of a Hessian i <= j are weighted unevenly."""
     for operator in [o for o in OPERATORS if o.name != "hessian"]:
         (ahead,) = predicted(operator, dim, "1/2", [0.1])
-        (oblique,) = predicted(operator, dim, "1/2", [0.1], direction=OBLIQUE[dim])
+        (oblique,) = predicted(operator, dim, "1/2", [0.1], along=OBLIQUE[dim])
         assert abs(ahead.smoothing - oblique.smoothing) <= 1e3 * 2.0**-53
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_hessian_tends_to_its_turned_limit(dim):
     """∂ᵢ∂ⱼ of e^{ik·s} is −kᵢ kⱼ F(k) e^{ik·s}: the error of the components i <= j together."""
-    (found,) = predicted(Operator("hessian"), dim, "1/2", [0.1], direction=OBLIQUE[dim])
+    (found,) = predicted(Operator("hessian"), dim, "1/2", [0.1], along=OBLIQUE[dim])
     n = [x / sqrt(sum(y * y for y in OBLIQUE[dim])) for x in OBLIQUE[dim]]
     size = sqrt(sum((n[i] * n[j]) ** 2 for i in range(dim) for j in range(i, dim)))
     exact = float(smoothing_error(SHAPE, 2 * pi * 0.1, dim)) * size / sqrt(2)

@@ -163,7 +163,7 @@ def test_volumes_weigh_the_particles() -> None:
     np.testing.assert_allclose(factor.S, np.abs(rho) ** 2 / 30, rtol=1e-10, atol=1e-12)
     own = np.exp(-1j * (k.T @ x)).sum(axis=1)
     np.testing.assert_allclose(factor.pairs, (rho * own.conj()).real / 30, atol=1e-12)
-    assert factor.fill == pytest.approx(volumes.sum() / period.prod())
+    assert factor.fill == pytest.approx(volumes.sum() / period.prod(), rel=1e-14)
 
 
 def test_a_free_set_is_seen_through_a_taper() -> None:

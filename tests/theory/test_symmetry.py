@@ -13,6 +13,7 @@ from sphtrunc import derive
 from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.moments import label, multi_indices
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import KINDS
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.symmetry import classes
@@ -71,7 +72,8 @@ def test_members_of_a_class_have_the_same_spread(kind):
     for operator, volume in product(OPERATORS, ("constant", "summation")):
         if dim == 3 and (operator.form == "nested" or volume == "summation"):
             continue
-        slopes, _ = propagate(shape, operator, kind, Fraction(6, 5), zero, volume, 3)
+        scene = Arrangement(kind, Fraction(6, 5), volume=volume)
+        slopes, _ = propagate(shape, operator, scene, 3)
         spread = {alpha: float((row**2).sum()) ** 0.5 for alpha, row in slopes.items()}
         for first, *others in classes(operator, kind, zero, alphas):
             for alpha in others:

@@ -17,6 +17,7 @@ from sphtrunc.kernels.catalogue import names
 from sphtrunc.kernels.gaussian import Gaussian
 from sphtrunc.operators.h_rules import RULES
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.theory.variable_h.atmosphere import acceleration_errors, omega_slope
 from sphtrunc.theory.variable_h.moments import (
     lattice_sums_of,
@@ -220,7 +221,7 @@ def test_lattice_sums_are_sums() -> None:
         return Fraction(2, 3) * (inner if q < 1 else outer if q < 2 else Fraction(0))
 
     keys = [((k,), (a,)) for k in (0, 1) for a in range(4)]
-    found = lattice_sums_of(CUBIC, keys, "uniform", step, [Fraction(0)], [g], "scatter")
+    found = lattice_sums_of(CUBIC, keys, Arrangement("uniform", step), [g], "scatter")
     for (k,), (a,) in keys:
         total = Fraction(0)
         for j in range(-20, 21):

@@ -20,6 +20,7 @@ from sphtrunc import Kernel, derive, kernel
 from sphtrunc.kernels.catalogue import names
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import Operator
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.walls import GHOSTS, Wall
 from sphtrunc.theory.walls.half_space import (
     ETA,
@@ -149,10 +150,8 @@ def test_knots_and_planes_are_the_same_sum(operator: str, at: str) -> None:
     shape = kernel("quintic-spline")
     found = derive(shape, operator, degree=3, dx_over_h="4/7", wall="5/9", wall_at=at)
     place = {"particle": Fraction(0), "half-way": HALF, "2/7": Fraction(2, 7)}[at]
-    wall = Wall(Fraction(5, 9), place)
-    planes = wall_lattice_moments(
-        shape, Operator(operator), "uniform", Fraction(4, 7), (Fraction(0),), 3, wall
-    )
+    scene = Arrangement("uniform", Fraction(4, 7)).beside(Wall(Fraction(5, 9), place))
+    planes = wall_lattice_moments(shape, Operator(operator), scene, 3)
     assert found.discrete is not None
     assert dict(found.discrete.values) == planes
 
@@ -350,8 +349,8 @@ def test_images_are_summed_particle_by_particle(
         "brookshaw": Operator("laplacian", "brookshaw"),
     }[sort]
     shape = kernel(name)
-    wall = Wall(eta, at, ghosts)
-    found = wall_lattice_moments(shape, operator, "uniform", ratio, (Fraction(0),), k, wall)[(k,)]
+    scene = Arrangement("uniform", ratio).beside(Wall(eta, at, ghosts))
+    found = wall_lattice_moments(shape, operator, scene, k)[(k,)]
     direct = Direct(shape)
 
     def weight(s: Fraction) -> Fraction:
@@ -383,10 +382,8 @@ def test_dummies_have_means_of_the_fluid(
 ) -> None:
     """As fractions, of a target that is a particle: every dummy has its own Shepard mean."""
     shape, eta = kernel(name), (plane_of_target + at) * ratio
-    wall = Wall(eta, at, "dummy")
-    found = wall_lattice_moments(shape, Operator(sort), "uniform", ratio, (Fraction(0),), k, wall)[
-        (k,)
-    ]
+    scene = Arrangement("uniform", ratio).beside(Wall(eta, at, "dummy"))
+    found = wall_lattice_moments(shape, Operator(sort), scene, k)[(k,)]
     direct, delta = Direct(shape), int(sort == "gradient")
     kappa = direct.knots[-1]
     own = [s for s, _ in fluid(eta, ratio, Fraction(0), 3 * kappa, Fraction(1))]
@@ -405,10 +402,8 @@ def test_a_mirror_of_an_even_lattice_is_the_lattice() -> None:
     """Half-way and at a particle the images continue the lattice: Σ W V is that of the interior."""
     shape = kernel("wendland-c4-1d")
     for at in (Fraction(0), HALF):
-        wall = Wall((2 + at) * HALF, at, "mirror")
-        found = wall_lattice_moments(
-            shape, Operator("value"), "uniform", HALF, (Fraction(0),), 0, wall
-        )
+        scene = Arrangement("uniform", HALF).beside(Wall((2 + at) * HALF, at, "mirror"))
+        found = wall_lattice_moments(shape, Operator("value"), scene, 0)
         interior = derive(shape, "value", degree=0, dx_over_h="1/2").discrete
         assert interior is not None
         assert found[(0,)] == interior[0]
@@ -475,7 +470,9 @@ def test_the_order_in_the_spacing_is_reached_and_not_exceeded(
     }[order, at]
     seen = []
     for ratio in (Fraction(1, 20), Fraction(1, 40)):
-        moments = wall_lattice_moments(shape, operator, "uniform", ratio, (Fraction(0),), 2, wall)
+        moments = wall_lattice_moments(
+            shape, operator, Arrangement("uniform", ratio).beside(wall), 2
+        )
         step = R(ratio.numerator, ratio.denominator)
         seen.append(float((moments[alpha] - limit) / (response(order)[alpha] * bernoulli)))
         seen[-1] /= float(step**order)
@@ -493,7 +490,7 @@ def test_integrals_over_layers_are_limits_of_sums() -> None:
         wall = Wall(HALF, HALF, ghosts)
         limit = cut_moments(shape, operator, 1, 2, wall)[(2,)]
         far, near = (
-            wall_lattice_moments(shape, operator, "uniform", r, (Fraction(0),), 2, wall)[(2,)]
+            wall_lattice_moments(shape, operator, Arrangement("uniform", r).beside(wall), 2)[(2,)]
             - limit
             for r in (Fraction(1, 15), Fraction(1, 30))
         )

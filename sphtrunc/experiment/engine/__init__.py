@@ -7,10 +7,12 @@
 from sphtrunc.experiment.engine.passes import (
     PairSums,
     Pass,
+    Work,
     available,
     one_pass,
     pair_sums,
     pairs_with_terms,
+    prepared,
     threads,
     volumes,
 )
@@ -18,10 +20,12 @@ from sphtrunc.experiment.engine.passes import (
 __all__ = [
     "PairSums",
     "Pass",
+    "Work",
     "available",
     "one_pass",
     "pair_sums",
     "pairs_with_terms",
+    "prepared",
     "threads",
     "volumes",
 ]

@@ -82,6 +82,10 @@ class BoundedNumbers:
         error = n.smaller(x.error / n.larger(root, TINY), n.sqrt(x.error))
         return Bounded(n, root, error + n.scale(root) * UNIT)
 
+    def larger(self, a: Bounded, b: Bounded) -> Bounded:
+        n = self.plain
+        return Bounded(n, n.larger(a.value, b.value), n.larger(a.error, b.error))
+
     def positive(self, x: Bounded) -> Bounded:
         n = self.plain
         error = n.pick(x.value + x.error, 0.0, 0.0, x.error, None)

@@ -54,7 +54,7 @@ def sum_pairs(
     """The sums of the targets in `slots` (places among the sorted particles, increasing).
 
     sources: (rows, n) sorted particles; keys: (n,) their cells; starts: (cells + 1,)
-    grid: (2, d) origin and 1/size of the cells; counts: (d,) cells along each axis
+    grid: (3, d) origin, 1/size and the first of the cells; counts: (d,) cells along each axis
     order: (n,) which particle each is; per_h, reach: of targets by particle, (n,) or (1,)
     out: (targets of the scene, sums)
     places: rows of the sources that hold the position; seen: fields that targets have of their own
@@ -86,8 +86,8 @@ def sum_pairs(
                 buffer[places + 1 + i, lane] = sources[places + 1 + i, slot]
             radius = max(radius, reach[order[slot] if reach.size > 1 else 0])
         for i in range(dim):
-            first[i] = _cell(low[i] - radius, grid[0, i], grid[1, i], counts[i])
-            last[i] = _cell(high[i] + radius, grid[0, i], grid[1, i], counts[i])
+            first[i] = _cell(low[i] - radius, grid[:, i], counts[i])
+            last[i] = _cell(high[i] + radius, grid[:, i], counts[i])
         number, square = 0, radius * radius
         for k in range(first[2], last[2] + 1):
             for j in range(first[1], last[1] + 1):
@@ -110,9 +110,10 @@ def sum_pairs(
 
 
 @njit(**_OPTIONS, inline="always")
-def _cell(x: float, origin: float, per_size: float, count: int) -> int:
-    """The cell of a coordinate along one axis, monotone in x."""
-    return int(min(max((x - origin) * per_size, 0.0), count - 1.0))
+def _cell(x: float, grid: Any, count: int) -> int:
+    """The cell of a coordinate along one axis, monotone in x. Taking off a whole number is exact:
+    a particle is in the same cell wherever the count begins."""
+    return int(min(max((x - grid[0]) * grid[1] - grid[2], 0.0), count - 1.0))
 
 
 # ------------------------------------------------------------------------------------ sorting
@@ -125,7 +126,7 @@ def _count(x: Any, begin: int, end: int, grid: Any, counts: Any, keys: Any, hist
     for i in range(begin, end):
         key = 0
         for axis in range(dim - 1, -1, -1):
-            key = key * counts[axis] + _cell(x[axis][i], grid[0, axis], grid[1, axis], counts[axis])
+            key = key * counts[axis] + _cell(x[axis][i], grid[:, axis], counts[axis])
         keys[i] = key
         histogram[key] += 1
 
@@ -177,7 +178,8 @@ class Sorted:
 
 
 def grid_for(x: tuple[Array, ...], reach: float) -> tuple[Array, Any]:
-    """Cells for positions, d rows of (n,): origin and 1/size, (2, d), and how many along each axis.
+    """Cells for positions, d rows of (n,): origin, 1/size and the first, 0, (3, d), and how many
+    along each axis.
 
     Columns as wide as the reach or a whole part of it, so that eight particles fill a cube of a
     column; along the column short cells. Widened until there are at most 4 n of them.
@@ -195,18 +197,33 @@ def grid_for(x: tuple[Array, ...], reach: float) -> tuple[Array, Any]:
     while True:
         counts = np.minimum(np.floor(extent / size) + 1.0, 2.0**40)
         if np.prod(counts) <= 4.0 * n + 4096.0:
-            return np.stack([low, 1.0 / size]), counts.astype(np.int64)
+            return np.stack([low, 1.0 / size, np.zeros(dim)]), counts.astype(np.int64)
         size = size * 2.0
 
 
+def part_of(grid: Array, x: tuple[Array, ...]) -> tuple[Array, Any]:
+    """The same cells, as far as there are particles of x in them: with them a target sees its
+    neighbours in the same order as with all particles."""
+    cells = [
+        np.floor((np.array([row.min(), row.max()]) - grid[0, i]) * grid[1, i])
+        for i, row in enumerate(x)
+    ]
+    first, last = np.maximum(np.array(cells).T, 0.0)
+    return np.stack([grid[0], grid[1], first]), (last - first + 1.0).astype(np.int64)
+
+
 def sort(
-    columns: tuple[Array, ...], dim: int, reach: float, pool: ThreadPoolExecutor, threads: int
+    columns: tuple[Array, ...],
+    dim: int,
+    cells_: tuple[Array, Any],
+    pool: ThreadPoolExecutor,
+    threads: int,
 ) -> Sorted:
     """Sort particles, given as columns of n numbers (positions first), into cells: stable, so that
     the result depends on no number of threads."""
     x = columns[:dim]
     n = x[0].size
-    grid, counts = grid_for(x, reach)
+    grid, counts = cells_
     cells = int(np.prod(counts))
     keys = np.empty(n, dtype=np.int32)
     histograms = np.zeros((threads, cells), dtype=np.int32)
@@ -239,12 +256,14 @@ def sums(
     reach: Array,
     wanted: Any,
     workers: int,
+    within: tuple[Array, Any] | None = None,
 ) -> Array:
     """The sums of a plan, (population, row_counts(plan)[2]).
 
     columns: rows of the sources, n numbers each; per_h: (population,) 1/h of the targets
     reach: (population,) or (1,), beyond which nothing contributes
     wanted: (population,) bool, or None for all; particles beyond the population are images
+    within: the cells, from `grid_for` or `part_of`; None: those for these particles
     """
     population = per_h.size
     out = np.zeros((population, row_counts(plan)[2]))
@@ -252,7 +271,8 @@ def sums(
     if plan.mode == "one" and reach.size == 1:
         per_h = per_h[:1]  # one h for all
     with ThreadPoolExecutor(workers) as pool:
-        done = sort(columns, plan.dim, float(reach.max()), pool, workers)
+        grid = within or grid_for(columns[: plan.dim], float(reach.max()))
+        done = sort(columns, plan.dim, grid, pool, workers)
         slots = np.arange(done.order.size)
         if wanted is not None or done.order.size > population:
             keep = done.order < population

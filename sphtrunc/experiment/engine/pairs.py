@@ -45,7 +45,7 @@ class Plan:
 
     factors: (k, radial factor) in use; terms: the sums; fields: how many
     difference: A_b − A_a in place of A_b
-    mode: "one" (h of the target), "scatter" or "mean"
+    mode: "one" (h of the target), "scatter", "mean" or "mean-kernel"
     low: positions are pairs of floats (images in a periodic box)
     compensated: sums carry their rounding errors; bound: sums carry a bound of all errors
     quantum: relative error that the positions came with; the bound carries it
@@ -161,22 +161,8 @@ def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) ->
     return contributions(plan, number, a, b)
 
 
-def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[Any]:
-    """V_b f_k(q) s^β A_b for every term of the plan."""
-    s = []
-    for i in range(plan.dim):
-        d = number.difference(source.x[i], target.x[i])
-        if plan.low:
-            d = d + (source.low[i] - target.low[i])
-        s.append(d * target.per_h)
-    squares = s[0] * s[0]
-    for s_i in s[1:]:
-        squares = squares + s_i * s_i
-    stretch = None
-    if plan.mode == "scatter":
-        stretch = source.per_h / target.per_h
-    elif plan.mode == "mean":
-        stretch = (source.per_h + source.per_h) / (source.per_h + target.per_h)
+def _factors(plan: Plan, number: Any, squares: Any, stretch: Any) -> dict[int, Any]:
+    """The radial factors of a kernel of h, h_a/h = stretch (None: 1), at the squared distances."""
     seen = squares if stretch is None else squares * (stretch * stretch)
     q = None if plan.even else number.sqrt(seen)
     factors: dict[int, Any] = {}
@@ -191,6 +177,32 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         for k in factors:
             for _ in range(0 if k == COUNT else plan.dim + _STRETCH[k]):
                 factors[k] = factors[k] * stretch
+    return factors
+
+
+def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[Any]:
+    """V_b f_k(q) s^β A_b for every term of the plan."""
+    s = []
+    for i in range(plan.dim):
+        d = number.difference(source.x[i], target.x[i])
+        if plan.low:
+            d = d + (source.low[i] - target.low[i])
+        s.append(d * target.per_h)
+    squares = s[0] * s[0]
+    for s_i in s[1:]:
+        squares = squares + s_i * s_i
+    stretch = None
+    if plan.mode in ("scatter", "mean-kernel"):
+        stretch = source.per_h / target.per_h
+    elif plan.mode == "mean":
+        stretch = (source.per_h + source.per_h) / (source.per_h + target.per_h)
+    factors = _factors(plan, number, squares, stretch)
+    if plan.mode == "mean-kernel":
+        own = _factors(plan, number, squares, None)
+        factors = {
+            k: number.larger(own[k], f) if k == COUNT else (own[k] + f) * 0.5
+            for k, f in factors.items()
+        }
     monomials: dict[MultiIndex, Any] = {}
 
     def monomial(beta: MultiIndex) -> Any:

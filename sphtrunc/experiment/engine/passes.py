@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -109,6 +109,29 @@ def one_pass(
     Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
     unknown engine, and where the box is smaller than twice the support.
     """
+    return prepared(
+        scene, kernel, keys, fields=fields, field_keys=field_keys, difference=difference,
+        targets=targets, precision=precision, bound=bound, quantum=quantum, workers=workers,
+        engine=engine,
+    ).run()  # fmt: skip
+
+
+def prepared(
+    scene: Particles,
+    kernel: Kernel,
+    keys: Iterable[Key] = (),
+    *,
+    fields: object = (),
+    field_keys: Iterable[Key] = (),
+    difference: bool = False,
+    targets: object = None,
+    precision: str = "plain",
+    bound: bool = False,
+    quantum: float = 0.0,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Work:
+    """The work of `one_pass`, whose arguments these are, before it is done."""
     scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
@@ -133,20 +156,13 @@ def one_pass(
     )
     per_h = 1.0 / scene.h
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
-    number = threads(workers)
     name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
         from sphtrunc.experiment.engine import cells
 
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
-    if name == "numba":
-        out = cells.sums(task, columns, per_h, reach, wanted, number)
-    else:
-        from sphtrunc.experiment.engine import tree as neighbours
-
-        out = neighbours.sums(task, columns, per_h, reach, wanted, number)
-    return Pass(task, out, per_h, chosen, keys, field_keys, name)
+    return Work(task, columns, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
 
 
 def pair_sums(
@@ -154,6 +170,93 @@ def pair_sums(
 ) -> PairSums:
     """The sums of all targets of `one_pass`, whose arguments these are."""
     return one_pass(scene, kernel, keys, **options).sums()
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A pass over the pairs before it is made.
+
+    columns: rows of the sources, particles first, then images; reach: (n,) or (1,)
+    wanted: (n,) bool, None for all; targets: indices (T,), or the slice of all
+    within: the cells that particles are sorted into; None: those for these particles
+    """
+
+    plan: Plan
+    columns: tuple[Array, ...]
+    per_h: Array
+    reach: Array
+    wanted: Any
+    targets: Any
+    keys: list[Key]
+    field_keys: list[Key]
+    engine: str
+    workers: int | None
+    within: Any = None
+
+    def run(self) -> Pass:
+        """Make it."""
+        number = threads(self.workers)
+        if self.engine == "numba":
+            from sphtrunc.experiment.engine import cells
+
+            out = cells.sums(
+                self.plan, self.columns, self.per_h, self.reach, self.wanted, number, self.within
+            )
+        else:
+            from sphtrunc.experiment.engine import tree
+
+            out = tree.sums(self.plan, self.columns, self.per_h, self.reach, self.wanted, number)
+        return Pass(
+            self.plan, out, self.per_h, self.targets, self.keys, self.field_keys, self.engine
+        )
+
+    def cut(self, count: int) -> list[Any]:
+        """Which of the targets, (T,) of them in all, are in each of so many slabs across the
+        longest axis, as many in each."""
+        along = self._along()
+        targets = np.arange(self.per_h.size) if isinstance(self.targets, slice) else self.targets
+        order = np.argsort(along[targets], kind="stable")
+        return [np.sort(one) for one in np.array_split(order, max(1, min(count, order.size)))]
+
+    def slab(self, which: Any) -> Work:
+        """The work on one of `cut`, with the particles that its targets see and no others: its sums
+        are those of the whole to the last bit.
+
+        Raises ValueError for the NumPy engine, whose order of neighbours depends on all particles.
+        """
+        if self.engine != "numba":
+            raise ValueError(
+                "memory: slabs need the compiled engine; pip install 'sphtrunc[fast]', or leave it"
+            )
+        from sphtrunc.experiment.engine import cells
+
+        x, n = self.columns[: self.plan.dim], self.per_h.size
+        along = self._along()
+        targets = which if isinstance(self.targets, slice) else self.targets[which]
+        one_reach = self.reach.size == 1
+        far = float((self.reach if one_reach else self.reach[targets]).max()) * _REACH
+        low, high = along[targets].min() - far, along[targets].max() + far
+        seen = np.flatnonzero((along >= low) & (along <= high))
+        own = seen[: np.searchsorted(seen, n)]
+        local = np.searchsorted(own, targets)
+        wanted = np.zeros(own.size, dtype=np.bool_)
+        wanted[local] = True
+        columns = tuple(row[seen] for row in self.columns)
+        grid, _ = cells.grid_for(x, float(self.reach.max()))
+        return replace(
+            self,
+            columns=columns,
+            per_h=self.per_h[own],
+            reach=self.reach if one_reach else self.reach[own],
+            wanted=wanted,
+            targets=local,
+            within=cells.part_of(grid, columns[: self.plan.dim]),
+        )
+
+    def _along(self) -> Array:
+        """Positions along the longest axis, images included."""
+        x = self.columns[: self.plan.dim]
+        return x[int(np.argmax([np.ptp(row) for row in x]))]
 
 
 @dataclass(frozen=True)
@@ -283,7 +386,7 @@ def _columns(
     if scene.one_h:
         reach = h[:1] if np.all(h == h[0]) else h
     else:
-        reach = np.full(1, h.max()) if scene.mode == "scatter" else 0.5 * (h + h.max())
+        reach = 0.5 * (h + h.max()) if scene.mode == "mean" else np.full(1, h.max())
     # positions carry their own rounding where they are far from the origin of the box
     closed = np.empty(0) if scene.period is None else scene.period[np.isfinite(scene.period)]
     spread = max(float(np.abs(scene.x).max()), float(closed.max(initial=0.0)))

@@ -94,7 +94,12 @@ def table(
     counts = {TYPES.get(int(t), str(t)): int(c) for t, c in zip(present, number, strict=True)}
     keep = ~dead
     if np.any(dead):
-        notes.append(f"{np.count_nonzero(dead)} dead or accreted particles (h ≤ 0) left out")
+        # unlike walls they are no sources either: Phantom takes them out of its neighbour lists,
+        # and the mass of an accreted one is in its sink
+        notes.append(
+            f"{np.count_nonzero(dead)} dead or accreted particles (h ≤ 0) left out, as Phantom"
+            " leaves them out of its sums"
+        )
     if kind is not None:
         numbers = {name: number for number, name in TYPES.items()}
         wanted = numbers.get(kind, int(kind) if kind.isascii() and kind.isdigit() else 0)

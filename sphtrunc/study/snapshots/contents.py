@@ -226,6 +226,7 @@ def _why(contents: Contents) -> dict[str, str]:
             said["kernel"] += "; the file has no masses: they are taken as equal"
     if contents.forces is not None:
         said["gradient"] = _sentence(contents.forces, "accelerations", FORCES_FIT)
+        said |= _apart(contents.identified, contents.forces)
     agrees = _agrees(contents)
     if it.kernel is not None:
         verdict = {
@@ -235,6 +236,20 @@ def _why(contents: Contents) -> dict[str, str]:
         }[agrees]
         said["header"] = f"names {it.kernel!r}: {verdict}"
     return said
+
+
+def _apart(density: Identification | None, forces: Identification) -> dict[str, str]:
+    """Of two identified kernels that are not the same, that they are not."""
+    if density is None or not (density.fits and forces.fits):
+        return {}
+    one, other = density.best, forces.best
+    if (one.kernel, one.support_over_h) == (other.kernel, other.support_over_h):
+        return {}
+    told = (
+        f"W of the densities is {one.kernel}, W′ of the accelerations is that of {other.kernel}:"
+        " what the forces conserve is no energy of these densities"
+    )
+    return {"operators": told}
 
 
 def _sentence(found: Identification, what: str, limit: float) -> str:

@@ -9,33 +9,34 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sphtrunc.arithmetic.linear_systems import MOST_CONDITION, Health
-from sphtrunc.arithmetic.small_systems import solve
-from sphtrunc.experiment.engine import one_pass, threads, volumes
-from sphtrunc.experiment.one_pass import estimates as estimated
+from sphtrunc.arithmetic.linear_systems import MOST_CONDITION
 from sphtrunc.kernels.arguments import count
-from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.parse import kernel as parse_kernel
-from sphtrunc.operators.corrections import combine
-from sphtrunc.operators.moments import MultiIndex, add, label, multi_indices, unit
-from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
-from sphtrunc.operators.terms import VALUE, Key
+from sphtrunc.operators.moments import label, multi_indices
+from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.scenes.scene import Indices, every_target, sample
-from sphtrunc.theory.limit import continuous_sum
+from sphtrunc.study.snapshots.surfaces import surface_distance
+from sphtrunc.study.snapshots.target_sums import (
+    Surface,
+    asked,
+    at_targets,
+    derivatives_of,
+    errors_of_field,
+    exact_moments,
+    name_of,
+)
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.scenes.particles import Particles
+    from sphtrunc.study.snapshots.target_sums import Asked
 
 SCHEMA = "sphtrunc.map/1"
 DEFAULT = (
@@ -46,9 +47,8 @@ DEFAULT = (
 )
 SINGULAR, ALONE, UNCERTAIN = 1, 2, 4  # bits of `flag`
 TRUSTED = 0.05  # own error of a predicted error, relative to it, above which it is not trusted
-_NUMBERS = 1 << 19  # sums that are held at once while corrections are solved
 _WORST = 10
-_MOST_SPREAD = 0.03  # of γ by disorder: more than that is boundaries
+_BLOCK = 1 << 18  # targets whose lengths are taken at a time
 _QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 
@@ -57,16 +57,22 @@ class FieldErrors:
     """What a field of the particles suffers: predicted errors of one estimate, (T, C).
 
     error: Σ_α (h^{|α|−k}/α!) (M_α − M_α^exact) ∂^αA, in units of A/length^k, and of it `smoothing`,
-        the part that the kernel has on undisturbed particles everywhere; the rest is disorder and
-        boundaries
+        the part that the kernel has on undisturbed particles everywhere, and `boundary`, what a
+        plane surface at the distance that γ tells adds to that; the rest is `disorder`
     own: how far the prediction with derivatives of one order less is from it
     scale: the root mean square of the derivative that is estimated, over the targets
     """
 
     error: Array
     smoothing: Array
+    boundary: Array
     own: Array
     scale: float
+
+    @property
+    def disorder(self) -> Array:
+        """(T, C): what neither the kernel nor a surface explains: disorder and discretisation."""
+        return np.asarray(self.error - self.smoothing - self.boundary)
 
     @property
     def trusted(self) -> Array:
@@ -110,12 +116,17 @@ class ErrorMap:
     def sizes(self, name: str) -> dict[str, Array]:
         """Of one estimate, the length of the moment errors of each degree, (T,): E0 of degree 0, M1
         of degree 1, less what it should be, and so on."""
-        error = self.moments[name] - self.exact[name]
         degree = self.alpha.sum(axis=1)
-        return {
-            f"{'E' if not n else 'M'}{n}": np.sqrt((error[:, :, degree == n] ** 2).sum(axis=(1, 2)))
+        found = {
+            f"{'E' if not n else 'M'}{n}": np.empty(self.targets)
             for n in range(int(degree.max()) + 1)
         }
+        for first in range(0, self.targets, _BLOCK):
+            part = slice(first, first + _BLOCK)
+            square = (self.moments[name][part] - self.exact[name]) ** 2
+            for n, lengths in enumerate(found.values()):
+                lengths[part] = np.sqrt(square[:, :, degree == n].sum(axis=(1, 2)))
+        return found
 
     def arrays(self) -> dict[str, Any]:
         """The contract of `map -o FILE.npz`: x, h, particle, alpha, gamma, distance, condition,
@@ -135,6 +146,7 @@ class ErrorMap:
             for name, one in rows.items():
                 found[f"error_{field}_{name}"] = one.error
                 found[f"smoothing_{field}_{name}"] = one.smoothing
+                found[f"boundary_{field}_{name}"] = one.boundary
                 found[f"own_{field}_{name}"] = one.own
         return found
 
@@ -177,10 +189,17 @@ class ErrorMap:
         fields = {
             field: {
                 name: {
-                    "rms": float(np.sqrt((one.error[good] ** 2).mean())) if good.any() else None,
-                    "smoothing_rms": float(np.sqrt((one.smoothing[good] ** 2).mean()))
-                    if good.any()
-                    else None,
+                    **{
+                        f"{part}rms": float(np.sqrt((values[good] ** 2).mean()))
+                        if good.any()
+                        else None
+                        for part, values in (
+                            ("", one.error),
+                            ("smoothing_", one.smoothing),
+                            ("boundary_", one.boundary),
+                            ("disorder_", one.disorder),
+                        )
+                    },
                     "scale": one.scale,
                     "trusted": int(np.count_nonzero(one.trusted & good)),
                 }
@@ -262,13 +281,14 @@ class ErrorMap:
                 lines.append(f"  {head:<40} {degree:<4}{figures}")
         for field, rows in data["fields"].items():
             lines.append(
-                f"Expected error of {field} (rms; of it smoothing; scale of the derivative)"
+                f"Expected error of {field}: rms, and of it by smoothing, boundaries, disorder; rms"
+                " of the derivative"
             )
             for name, row in rows.items():
+                parts = ("rms", "smoothing_rms", "boundary_rms", "disorder_rms", "scale")
+                figures = "".join(f"{row[part]:>13.4e}" for part in parts if row[part] is not None)
                 lines.append(
-                    f"  {name.replace('_', ' '):<40}     {row['rms']:>14.4e}"
-                    f"{row['smoothing_rms']:>14.4e}{row['scale']:>14.4e}"
-                    f"   trusted at {row['trusted']:,}"
+                    f"  {name.replace('_', ' '):<36}{figures}   trusted at {row['trusted']:,}"
                 )
         lines.append("Worst particles")
         for row in data["worst"]:
@@ -302,235 +322,107 @@ def error_map(
     Raises ValueError as `pair_sums` does, and for the nested form, whose moments need the
     neighbours' (`measure` has them).
     """
-    kernel = parse_kernel(kernel)
-    degree = count(degree, "degree")
-    if not kernel.is_polynomial:
-        raise ValueError(f"kernel: {kernel.name} has no compiled sums; expected a polynomial one")
-    operators = list(dict.fromkeys(estimates))
-    if not operators:
-        raise ValueError("estimates: got none, expected at least one operator")
-    for one in operators:
-        one.require_pairs(False)
-        if one.form == NESTED:
-            raise ValueError("form: moments of the nested form are measured by `measure` alone")
-    known = dict(fields or {})
-    if known:
-        degree = max(degree, max(one.derivatives for one in operators) + 2)
-    if not 1 <= degree <= 8:
-        raise ValueError(f"degree: got {degree}, expected 1 to 8")
-    chosen = every_target(particles)
-    if targets is not None and targets < chosen.size:
-        if targets < 1:
-            raise ValueError(f"targets: got {targets}, expected at least 1")
-        chosen = np.sort(sample(particles, 0, targets, seed))
-    options = {"workers": workers, "engine": engine}
-    found = _moments(particles, kernel, operators, degree, chosen, options)
-    gamma, condition, moments, exact, others = found
-    flag = np.where(condition <= MOST_CONDITION, 0, SINGULAR).astype(np.int64)
-    flag |= np.where(others > 0, 0, ALONE)
-    condition = np.where(condition <= MOST_CONDITION, condition, np.inf)
-    alphas = list(multi_indices(particles.dim, degree))
-    errors: dict[str, dict[str, FieldErrors]] = {}
-    for name, values in known.items():
-        derivatives = _derivatives(particles, kernel, values, degree, options)
-        errors[name] = {}
-        for one in operators:
-            made = _field_errors(
-                one, kernel, particles.h[chosen], alphas, moments[_name(one)],
-                exact[_name(one)], [d[:, chosen] for d in derivatives],
-            )  # fmt: skip
-            errors[name][_name(one)] = made
-            flag |= np.where(made.trusted, 0, UNCERTAIN)
-    return ErrorMap(
-        kernel=kernel.name,
-        target=chosen,
-        x=particles.x[:, chosen].T,
-        h=particles.h[chosen],
-        alpha=np.array(alphas),
-        moments=moments,
-        exact=exact,
-        gamma=gamma,
-        distance=surface_distance(kernel, particles.dim, gamma),
-        condition=condition,
-        flag=flag,
-        fields=errors,
-    )
+    found = Question.of(particles, kernel, estimates, degree, fields, targets, seed)
+    options: dict[str, Any] = {"workers": workers, "engine": engine}
+    return found.answered(at_targets(found.asked(**options)), options)
 
 
-def _name(operator: Operator) -> str:
-    return f"{operator.name}_{operator.form}_{operator.correction}"
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What a map is made of, checked: `asked` is the work, `answered` what follows from it."""
 
+    particles: Particles
+    kernel: Kernel
+    operators: tuple[Operator, ...]
+    degree: int
+    fields: Mapping[str, object]
+    targets: Indices
 
-def _moments(
-    scene: Particles,
-    kernel: Kernel,
-    operators: Sequence[Operator],
-    degree: int,
-    chosen: Indices,
-    options: Mapping[str, Any],
-) -> tuple[Array, Array, dict[str, Array], dict[str, Array], Indices]:
-    """γ, condition, moments and what they should be of every operator, and neighbours, from one
-    pass over the pairs."""
-    dim = scene.dim
-    zero = unit(dim, 0, 0)
-    alphas = list(multi_indices(dim, degree))
-    keys: dict[Key, None] = {(zero, zero): None}
-    weighted: dict[Key, None] = {}
-    for one in operators:
-        shape = _structure(one, dim)
-        needed = {
-            (delta, add(alpha, gamma)): None
-            for part in shape
-            for delta, gamma in part
-            for alpha in alphas
-        }
-        if one.form == SYMMETRIC:
-            weighted |= needed
-        else:
-            keys |= needed
-        if not one.uncorrected:
-            keys |= dict.fromkeys(one.needed(dim, 0))
-    fields: Any = ()
-    density = np.ones(scene.population)
-    if weighted:
-        density = scene.mass / volumes(scene, kernel)
-        fields = np.stack([1.0 / density, density])
-    everyone = chosen.size == scene.population
-    summed = one_pass(
-        scene, kernel, keys, fields=fields, field_keys=weighted,
-        targets=None if everyone else chosen, **options,
-    )  # fmt: skip
-    gamma, condition = np.empty(chosen.size), np.zeros(chosen.size)
-    others = np.empty(chosen.size, dtype=np.int64)
-    moments: dict[str, Array] = {
-        _name(one): np.empty((chosen.size, len(one.components(dim)), len(alphas)))
-        for one in operators
-    }
-
-    def finish(first: int) -> None:
-        part = slice(first, first + block)
-        sums = summed.sums(part)
-        gamma[part], others[part] = sums.base[zero, zero], sums.others
-        own = density[chosen[part]]
-        for one in operators:
-            health = Health()
-            rows = one.coefficients(sums.base, dim, partial(solve, health=health))
-            condition[part] = np.maximum(condition[part], health.condition)
-            into = moments[_name(one)]
-            for c, row in enumerate(rows):
-                for i, alpha in enumerate(alphas):
-                    if one.form == SYMMETRIC:
-                        seen = {key: values[0] for key, values in sums.fields.items()}
-                        into[part, c, i] = own * combine(row, seen, alpha)
-                    else:
-                        into[part, c, i] = combine(row, sums.base, alpha)
-                if one.form == SYMMETRIC:
-                    back = {key: values[1] for key, values in sums.fields.items()}
-                    into[part, c, 0] += combine(row, back, zero) / own
-                elif one.uses_difference:
-                    into[part, c, 0] = float(one.adds_own)
-
-    block = max(1, min(1 << 15, _NUMBERS // summed.rows.shape[1]))
-    with ThreadPoolExecutor(threads(options.get("workers"))) as pool:
-        list(pool.map(finish, range(0, chosen.size, block)))
-    exact: dict[str, Array] = {}
-    for one in operators:
-        should = [one.target(dim, c) for c in range(len(one.components(dim)))]
-        exact[_name(one)] = np.array([[float(t.get(a, 0)) for a in alphas] for t in should])
-    return gamma, condition, moments, exact, others
-
-
-def _structure(operator: Operator, dim: int) -> list[dict[Key, Any]]:
-    """Which (δ, γ) the components are made of: the coefficients, of whatever value."""
-    ones = dict.fromkeys(operator.needed(dim, 0), 1.0)
-    return operator.coefficients(
-        ones, dim, lambda matrix, columns: [[1.0] * len(columns[0]) for _ in matrix]
-    )
-
-
-# ------------------------------------------------------------------------------ errors of a field
-
-
-def _derivatives(
-    scene: Particles, kernel: Kernel, values: object, degree: int, options: Mapping[str, Any]
-) -> list[Array]:
-    """∂^αA of every α up to the degree at all particles, (A, n), from gradients of gradients with
-    RKPM of degree 3, and the same of degree 2."""
-    dim = scene.dim
-    alphas = list(multi_indices(dim, degree))
-    found = []
-    for order in ("rkpm-3", "rkpm-2"):
-        gradient = Operator("gradient", "difference", order)
-        known: dict[MultiIndex, Array] = {alphas[0]: np.asarray(values, dtype=np.float64)}
-        for n in range(degree):
-            lower = [alpha for alpha in alphas if sum(alpha) == n]
-            made = estimated(
-                scene, kernel, gradient, np.stack([known[alpha] for alpha in lower]), **options
+    @classmethod
+    def of(
+        cls,
+        particles: Particles,
+        kernel: Kernel | str,
+        estimates: Sequence[Operator],
+        degree: int,
+        fields: Mapping[str, object] | None,
+        targets: int | None,
+        seed: int,
+    ) -> Question:
+        """Arguments as for `error_map`, which raises what this does."""
+        shape = parse_kernel(kernel)
+        degree = count(degree, "degree")
+        if not shape.is_polynomial:
+            raise ValueError(
+                f"kernel: {shape.name} has no compiled sums; expected a polynomial one"
             )
-            slopes = np.where(np.isfinite(made.values), made.values, 0.0) / scene.h
-            parts: dict[MultiIndex, list[Array]] = {}
-            for row, alpha in zip(slopes, lower, strict=True):
-                for axis in range(dim):
-                    parts.setdefault(add(alpha, unit(dim, axis)), []).append(row[axis])
-            known |= {alpha: np.mean(rows, axis=0) for alpha, rows in parts.items()}
-        found.append(np.stack([known[alpha] for alpha in alphas]))
-    return found
+        operators = tuple(dict.fromkeys(estimates))
+        if not operators:
+            raise ValueError("estimates: got none, expected at least one operator")
+        for one in operators:
+            one.require_pairs(False)
+            if one.form == NESTED:
+                raise ValueError("form: moments of the nested form are measured by `measure` alone")
+        known = dict(fields or {})
+        if known:
+            degree = max(degree, max(one.derivatives for one in operators) + 2)
+        if not 1 <= degree <= 8:
+            raise ValueError(f"degree: got {degree}, expected 1 to 8")
+        chosen = every_target(particles)
+        if targets is not None and targets < chosen.size:
+            if targets < 1:
+                raise ValueError(f"targets: got {targets}, expected at least 1")
+            chosen = np.sort(sample(particles, 0, targets, seed))
+        return cls(particles, shape, operators, degree, known, chosen)
+
+    def asked(self, **options: Any) -> Asked:
+        """The work."""
+        return asked(
+            self.particles, self.kernel, self.operators, self.degree, self.targets,
+            normals=bool(self.fields), **options,
+        )  # fmt: skip
+
+    def answered(self, found: Mapping[str, Any], options: Mapping[str, Any]) -> ErrorMap:
+        """The map, from what `at_targets` says of all targets."""
+        scene, chosen = self.particles, self.targets
+        condition = np.asarray(found["condition"])
+        gamma = np.asarray(found["gamma"])
+        flag = np.where(condition <= MOST_CONDITION, 0, SINGULAR).astype(np.int64)
+        flag |= np.where(found["others"] > 0, 0, ALONE)
+        condition = np.where(condition <= MOST_CONDITION, condition, np.inf)
+        distance = surface_distance(self.kernel, scene.dim, gamma)
+        moments = {name_of(one): found[f"moments_{name_of(one)}"] for one in self.operators}
+        errors: dict[str, dict[str, FieldErrors]] = {}
+        if self.fields:
+            surface = _surface(found["normal"], distance)
+        for name, values in self.fields.items():
+            known = derivatives_of(scene, self.kernel, values, self.degree, options)
+            errors[name] = {}
+            for one in self.operators:
+                made = errors_of_field(
+                    one, self.kernel, scene.h[chosen], moments[name_of(one)],
+                    [d[:, chosen] for d in known], surface,
+                )  # fmt: skip
+                errors[name][name_of(one)] = FieldErrors(**made)
+                flag |= np.where(errors[name][name_of(one)].trusted, 0, UNCERTAIN)
+        return ErrorMap(
+            kernel=self.kernel.name,
+            target=chosen,
+            x=scene.x[:, chosen].T,
+            h=scene.h[chosen],
+            alpha=np.array(list(multi_indices(scene.dim, self.degree))),
+            moments=moments,
+            exact={name_of(o): exact_moments(o, scene.dim, self.degree) for o in self.operators},
+            gamma=gamma,
+            distance=distance,
+            condition=condition,
+            flag=flag,
+            fields=errors,
+        )
 
 
-def _field_errors(
-    operator: Operator,
-    kernel: Kernel,
-    h: Array,
-    alphas: Sequence[MultiIndex],
-    moments: Array,
-    exact: Array,
-    derivatives: Sequence[Array],
-) -> FieldErrors:
-    k, dim = operator.derivatives, len(alphas[0])
-    degree = max(map(sum, alphas))
-    powers = np.stack([h ** (sum(a) - k) / prod(map(factorial, a)) for a in alphas])
-    predicted = [np.einsum("tca,at->tc", moments - exact, powers * d) for d in derivatives]
-    sums = {key: continuous_sum(kernel, key) for key in operator.needed(dim, degree)}
-    limit = [operator.correct(sums, dim, degree, c) for c in range(exact.shape[0])]
-    smooth = np.array([[float(row[a]) for a in alphas] for row in limit]) - exact
-    smoothing = np.einsum("ca,at->tc", smooth, powers * derivatives[0])
-    true = np.einsum("ca,at->tc", exact, powers * derivatives[0])
-    return FieldErrors(
-        error=predicted[0],
-        smoothing=smoothing,
-        own=predicted[1] - predicted[0],
-        scale=float(np.sqrt((true**2).sum(axis=1).mean())),
-    )
-
-
-# --------------------------------------------------------------------------------------- surfaces
-
-
-def surface_distance(kernel: Kernel, dim: int, gamma: Array) -> Array:
-    """How far away the plane surface is that leaves γ of the kernel on this side, in units of h:
-    ∫_{t <= z} w₁(t) dt = γ, w₁ the kernel integrated over the plane; negative beyond the surface,
-    infinite inside, where γ is within five times its own spread (the median distance of γ from its
-    median, at most 0.03) of 1."""
-    support = float(kernel.support)
-    t = np.linspace(0.0, support, 513)
-    fine = np.linspace(0.0, support, 4097)
-    if dim == 1:
-        projected = factor_values(kernel, VALUE, fine, dim)
-    else:
-        # ∫ w(√(t² + y²)) dy in 2D, 2π ∫_t^κ w r dr in 3D
-        y = fine if dim == 2 else None
-        projected = np.empty_like(fine)
-        for i, at in enumerate(fine):
-            if y is not None:
-                inside = factor_values(kernel, VALUE, np.hypot(at, t), dim)
-                projected[i] = 2.0 * np.trapezoid(inside, t)
-            else:
-                r = np.linspace(at, support, 257)
-                inside = factor_values(kernel, VALUE, r, dim)
-                projected[i] = 2.0 * np.pi * np.trapezoid(inside * r, r)
-    half = np.concatenate([[0.0], np.cumsum(0.5 * (projected[1:] + projected[:-1]) * fine[1])])
-    z = np.concatenate([-fine[:0:-1], fine])
-    share = np.concatenate([0.5 - half[:0:-1], 0.5 + half])
-    found = np.interp(gamma, share, z)
-    spread = min(1.4826 * float(np.median(np.abs(gamma - np.median(gamma)))), _MOST_SPREAD)
-    return np.where(gamma > 1.0 - max(0.02, 5.0 * spread), np.inf, found)
+def _surface(slope: Array, distance: Array) -> Surface:
+    """Where there is a surface and its direction is known: n along h∇γ, which points inside."""
+    length = np.sqrt((slope**2).sum(axis=1))
+    which = np.flatnonzero(np.isfinite(distance) & (length > 0.0))
+    return Surface(which, slope[which] / length[which, None], distance[which])

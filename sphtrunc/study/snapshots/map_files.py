@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from sphtrunc.experiment.targets import write_columns
-from sphtrunc.output import write_atomically
+from sphtrunc.output import replacing, write_atomically
+from sphtrunc.scenes.particle_files import library, vtp
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.study.snapshots.error_map import ErrorMap
 
 SUFFIXES = (".npz", ".csv", ".h5", ".hdf5", ".vtp", ".json")
+
+
+def check(path: str | Path) -> None:
+    """Raises ValueError for a name that does not end in one of SUFFIXES."""
+    if Path(path).suffix not in SUFFIXES:
+        raise ValueError(f"output {path}: expected a name ending in {', '.join(SUFFIXES)}")
 
 
 def write(found: ErrorMap, path: str | Path) -> None:
@@ -25,21 +31,20 @@ def write(found: ErrorMap, path: str | Path) -> None:
     and the errors of fields at the particles, .json the summary. Raises ValueError for another
     name, and where the file cannot be written.
     """
+    check(path)
     suffix = Path(path).suffix
     if suffix == ".csv":
         write_columns(found.columns(), str(path))
     elif suffix == ".npz":
-        buffer = io.BytesIO()
-        np.savez(buffer, **found.arrays())
-        write_atomically(path, buffer.getvalue())
+        with replacing(path) as file:
+            np.savez(file, **found.arrays())
     elif suffix in (".h5", ".hdf5"):
-        write_atomically(path, _hdf5(found))
+        with replacing(path) as file:
+            _hdf5(found, file)
     elif suffix == ".json":
         write_atomically(path, found.to_json() + "\n")
-    elif suffix == ".vtp":
-        write_atomically(path, vtp(found.x, shown(found)))
     else:
-        raise ValueError(f"output {path}: expected a name ending in {', '.join(SUFFIXES)}")
+        write_atomically(path, vtp(found.x, shown(found)))
 
 
 def shown(found: ErrorMap) -> dict[str, Array]:
@@ -56,62 +61,8 @@ def shown(found: ErrorMap) -> dict[str, Array]:
     return arrays
 
 
-def _hdf5(found: ErrorMap) -> bytes:
-    try:
-        import h5py
-    except ImportError:
-        raise ValueError(
-            "output: HDF5 needs h5py; install it with pip install 'sphtrunc[snapshots]', or write"
-            " .npz"
-        ) from None
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w") as file:
+def _hdf5(found: ErrorMap, stream: IO[bytes]) -> None:
+    with library().File(stream, "w") as file:
         for name, values in found.arrays().items():
             file.create_dataset(name, data=values)
         file.attrs["kernel"] = found.kernel
-    return buffer.getvalue()
-
-
-def vtp(x: Array, arrays: dict[str, Array]) -> bytes:
-    """VTK XML PolyData: a vertex at every point, numbers appended as they are.
-
-    x: (n, d), filled up with zeros to three coordinates; arrays: name -> (n,)
-    """
-    n = len(x)
-    points = np.zeros((n, 3))
-    points[:, : x.shape[1]] = x
-    blob = io.BytesIO()
-
-    def entry(name: str, values: Any, width: int = 1) -> str:
-        kind, dtype = ("Int64", "<i8") if values.dtype.kind in "biu" else ("Float64", "<f8")
-        raw = np.ascontiguousarray(values, dtype=dtype).tobytes()
-        at = blob.tell()
-        blob.write(np.array([len(raw)], dtype="<u8").tobytes() + raw)
-        name = name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-        return (
-            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}"'
-            f' format="appended" offset="{at}"/>'
-        )
-
-    lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        "<PolyData>",
-        f'<Piece NumberOfPoints="{n}" NumberOfVerts="{n}">',
-        "<Points>",
-        entry("Points", points, 3),
-        "</Points>",
-        "<PointData>",
-        *(entry(name, values) for name, values in arrays.items()),
-        "</PointData>",
-        "<Verts>",
-        entry("connectivity", np.arange(n)),
-        entry("offsets", np.arange(1, n + 1)),
-        "</Verts>",
-        "</Piece>",
-        "</PolyData>",
-        '<AppendedData encoding="raw">',
-        "_",
-    ]
-    text = "\n".join(lines).encode()
-    return text + blob.getvalue() + b"\n</AppendedData>\n</VTKFile>\n"

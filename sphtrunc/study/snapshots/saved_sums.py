@@ -259,9 +259,9 @@ def _identified(
         residual = judge(some)
         ranks = sorted((residual(*one), i) for i, one in enumerate(candidates))
         best = [candidates[i] for _, i in ranks[:_BEST]]
-        wide *= max(ratio for _, ratio in best) / reach
-        pairs = _Pairs(scene, targets, _reach(wide, snapshot, scene), mode)
-        residual = judge(pairs)
+        if ranks[0][0] <= _HOPELESS:
+            wide *= max(ratio for _, ratio in best) / reach
+            residual = judge(_Pairs(scene, targets, _reach(wide, snapshot, scene), mode))
         exact = sorted((residual(kernel, ratio), kernel.name, ratio) for kernel, ratio in best)
         first, second = (Candidate(k, ratio, r, mode) for r, k, ratio in exact[:2])
         clear = _CLEAR if second.residual > limit else _CLEAR**2

@@ -4,7 +4,6 @@ displacement of every particle, to first order in the algebra of a correction.""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from functools import cache
 from math import prod, sqrt
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ from sphtrunc.kernels.factors import factor_values
 from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import PAIRED, Operator
 from sphtrunc.operators.terms import Key, monomial, parts
-from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.sensitivities import dual_coefficients
 from sphtrunc.theory.fields import Signals, Taylor
 
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 
 NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
@@ -38,12 +37,8 @@ MOST_NODES = 1 << 17  # of that quadrature for all particles
 def scattered_moments(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     alphas: Sequence[MultiIndex],
-    sigma: float,
-    distribution: str,
     axis: int = 0,
 ) -> dict[MultiIndex, tuple[float, float]] | None:
     """Mean and variance of M_α of one component for independent displacements of any size, to first
@@ -51,14 +46,14 @@ def scattered_moments(
 
     M_α is the estimate of s^α.
     """
-    particles = _Particles(kernel, kind, dx_over_h, offset, "constant")
+    particles = Particles(kernel, scene)
     if len(particles.points) * max(NODES[particles.dim]) ** particles.dim > MOST_NODES:
         return None
     result: dict[MultiIndex, tuple[float, float]] = {}
     for start in range(0, len(alphas), 8):  # few at a time, for the sake of memory
         some = alphas[start : start + 8]
         signals = Taylor([{alpha: 1.0} for alpha in some])
-        mean, variance = particles.scattered(operator, signals, sigma, distribution)
+        mean, variance = particles.scattered(operator, signals)
         rows = zip(mean[:, axis, 0], variance[:, axis, 0], strict=True)
         result |= {a: (float(m), float(v)) for a, (m, v) in zip(some, rows, strict=True)}
     return result
@@ -71,46 +66,36 @@ def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
     return np.asarray((signals.difference(s).T + operator.copies * signals.own.T).T)
 
 
-class _Particles:
+class Particles:
     """The particles around a target on a lattice, in units of h."""
 
-    def __init__(
-        self,
-        kernel: Kernel | Gaussian,
-        kind: str,
-        dx_over_h: Fraction,
-        offset: Sequence[Fraction],
-        volume: str,
-    ) -> None:
-        self.kernel, self.dim = kernel, len(offset)
-        self.ratio = ratio = float(dx_over_h)
-        self.index = sites(kind, float(kernel.support) / ratio + 1.5, tuple(offset))
-        length = np.array([float(u) for u in units(kind)])
-        self.points = ratio * (self.index.T * length + np.array([float(o) for o in offset]))
+    def __init__(self, kernel: Kernel | Gaussian, scene: Arrangement) -> None:
+        self.kernel, self.scene, self.dim = kernel, scene, scene.dim
+        self.ratio = ratio = float(scene.dx_over_h)
+        index = scene.sites(float(kernel.support) / ratio + 1.5)
+        self.points, self.shares = scene.positions(index), scene.shares(index)[:, None]
         self.volume = ratio**self.dim
         within = (self.points**2).sum(axis=1) < float(kernel.support) ** 2
         self.neighbours = int(within.sum())
-        if volume == "summation":  # the same for all
-            around = sites(kind, float(kernel.support) / ratio, (Fraction(0),) * self.dim)
-            q = ratio * np.linalg.norm(around.T * length, axis=1)
+        if scene.volume == "summation":  # the same for all
+            home = scene.seen_from()
+            q = np.linalg.norm(home.positions(home.sites(float(kernel.support) / ratio)), axis=1)
             self.volume = 1.0 / float(kernel.w(q, self.dim).sum())
-        self.moving = not any(offset)  # the target is a particle and moves with it
+        self.moving = scene.at_particle
         own = (self.points == 0.0).all(axis=1)
         self.moves = np.where(own & self.moving, 0.0, 1.0)  # relative to the target
 
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
-        """g_key at the offsets s, (…, d)."""
+        """g_key of the particles at the offsets s, (N, Q, d)."""
         q = np.sqrt((s * s).sum(axis=-1))
-        factor = cache(lambda k: factor_values(self.kernel, k, q, self.dim))
+        factor = cache(lambda k: self.shares * factor_values(self.kernel, k, q, self.dim))
         return {
             key: sum(c * monomial(s, beta) * factor(k) for c, beta, k in parts(key)) for key in keys
         }
 
-    def scattered(
-        self, operator: Operator, signals: Signals, sigma: float, distribution: str
-    ) -> tuple[Array, Array]:
+    def scattered(self, operator: Operator, signals: Signals) -> tuple[Array, Array]:
         """Mean and variance of E, (K, C, F), for independent displacements of any size."""
-        spread = sigma * self.ratio
+        spread, distribution = self.scene.sigma * self.ratio, self.scene.distribution
         eta, weight = _nodes(distribution, spread, self.dim, self.moving)
         moved = self.points[:, None, :] + eta * self.moves[:, None, None]
         kurtosis = {"gaussian": 3.0, "uniform": 1.8}[distribution]

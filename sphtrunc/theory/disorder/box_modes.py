@@ -115,9 +115,11 @@ def _window_transform(f: Array) -> Array:
     return np.asarray(np.cos(2 * np.pi * np.multiply.outer(f, t * half)) @ window)
 
 
-def tapered(x: Array, reach: float, volume: float) -> tuple[Any, Any, Array, float]:
+def tapered(x: Array, reach: float, weights: Array | None = None) -> tuple[Any, Any, Array, float]:
     """(k, ρ_k, blur, Σ w²) of a free set under a Hann window over its bounding box: what the mean
     density itself shows through the window is taken out.
+
+    weights: (N,) of the particles, such as volumes that make the density even; None: 1
 
     k: (d, M) on the grid of the box; blur: 2π/L along each axis: features narrower than twice that
     are smeared, and modes nearer to 0 than that are left out
@@ -128,6 +130,8 @@ def tapered(x: Array, reach: float, volume: float) -> tuple[Any, Any, Array, flo
         raise ValueError("particles: they lie in a plane or a line, expected a set with a volume")
     u = (x - low[:, None]) / side[:, None]
     window = np.prod(0.5 - 0.5 * np.cos(2 * np.pi * u), axis=0)
+    if weights is not None:
+        window = window * weights
     n = half_space(side, reach)
     seen = amplitudes(x - low[:, None], window, side, n)
     # the Hann window itself has the modes −1, 0, 1 along each axis: ½, and −¼ at ±1

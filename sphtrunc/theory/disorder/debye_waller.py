@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from sphtrunc.operators.terms import OTHERS, SLOPE, VALUE, Row, angular
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.scenes.arrangement import Arrangement
 
 
 # ------------------------------------------------------------------------ finite Gaussian disorder
@@ -90,10 +90,7 @@ def _symbol(rows: Sequence[Row]) -> dict[tuple[MultiIndex, int], complex] | None
 def gaussian_shift(
     kernel: Kernel | Gaussian,
     rows: Sequence[Row],
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
-    sigma: float,
+    scene: Arrangement,
 ) -> float:
     """What Gaussian displacements add to the mean of a moment: the reciprocal terms, damped by
     e^{−σ²G²} (e^{−σ²G²/2} at a target that does not move), less undamped; and the particle at the
@@ -103,15 +100,14 @@ def gaussian_shift(
     from sphtrunc.theory.reciprocal_sums import shells_of
 
     table = _symbol(rows)
-    dim = len(offset)
+    dim, moving = scene.dim, scene.at_particle
     if table is None or getattr(kernel, "smoothness", 0) < 1:
         return 0.0
-    moving = not any(offset)
-    spread = sigma * float(dx_over_h) * (2.0**0.5 if moving else 1.0)
-    lengths, values, _ = shells_of(kernel, table, kind, dx_over_h, offset, 60)
+    spread = scene.sigma * float(scene.dx_over_h) * (2.0**0.5 if moving else 1.0)
+    lengths, values, _ = shells_of(kernel, table, scene, 60)
     shift = float((values * np.expm1(-0.5 * (spread * lengths) ** 2)).sum())
     if moving:
-        own = float(dx_over_h) ** dim
+        own = float(scene.dx_over_h) ** dim
         shift -= own * (
             _smeared(kernel, tuple(rows), dim, spread) - _smeared(kernel, tuple(rows), dim, 0.0)
         )

@@ -12,7 +12,6 @@ their slopes with respect to these are carried on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,8 +19,13 @@ import numpy as np
 from sphtrunc.arithmetic.dual import Dual
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
-from sphtrunc.scenes.sites import KINDS, sites, units
-from sphtrunc.theory.disorder.sensitivities import Terms, dual_coefficients, volumes_of
+from sphtrunc.scenes.sites import KINDS
+from sphtrunc.theory.disorder.sensitivities import (
+    Terms,
+    around,
+    dual_coefficients,
+    volumes_of,
+)
 from sphtrunc.theory.fields import Signals
 
 if TYPE_CHECKING:
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
-    from sphtrunc.operators.terms import Key
+    from sphtrunc.scenes.arrangement import Arrangement
 
 _CHUNK = 1 << 22  # distances looked at together
 
@@ -46,27 +50,14 @@ class SecondNeighbours:
         self,
         kernel: Kernel | Gaussian,
         operator: Operator,
-        kind: str,
-        dx_over_h: Fraction,
-        offset: Sequence[Fraction],
-        volume: str = "constant",
+        scene: Arrangement,
         moved: Array | None = None,
     ) -> None:
         """moved: displacements, (M, d) in Δx, at which everything is evaluated."""
-        self.operator, self.dim, self.ratio = operator, len(offset), float(dx_over_h)
-        support = float(kernel.support)
-        reach = (3.0 if volume == "summation" else 2.0) * support / self.ratio
-        self.index = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
-        length = np.array([float(u) for u in units(kind)])
-        s = self.ratio * (self.index.T * length + np.array([float(o) for o in offset]))
-        self.target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
-        if moved is not None:
-            s += self.ratio * moved
-            if self.target >= 0:
-                s -= s[self.target].copy()
-        self.s = s
-        self.volumes, self.variation = volumes_of(kernel, s, self.ratio, self.dim, volume, 2)
-        square = (support * (1 + 1e-9)) ** 2
+        self.operator, self.dim, self.ratio = operator, scene.dim, float(scene.dx_over_h)
+        self.index, self.s, self.target = around(kernel, scene, 2, moved)
+        self.volumes, self.variation = volumes_of(kernel, self.s, scene, 2)
+        s, square = self.s, (float(kernel.support) * (1 + 1e-9)) ** 2
         self.near = np.flatnonzero((s * s).sum(axis=1) <= square)
         # the places where a gradient is taken: at every neighbour b, and last at the target
         at = np.concatenate([s[self.near], np.zeros((1, self.dim))])
@@ -80,7 +71,7 @@ class SecondNeighbours:
         self.keys = [] if gradient.uncorrected else keys
         places = np.arange(len(at))
         if moved is None:  # one neighbour of each sort stands for all
-            turned = KINDS[kind].turned
+            turned = KINDS[scene.kind].turned
             sort = np.zeros(len(self.near), dtype=np.int64)
             if turned is not None:
                 sort += turned(self.index[:, self.near])

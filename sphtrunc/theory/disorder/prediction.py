@@ -20,9 +20,8 @@ here), the target too unless it sits at an offset. Five levels, from the formula
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -30,19 +29,19 @@ import numpy as np
 
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.moments import MultiIndex
-from sphtrunc.operators.operator import Operator
-from sphtrunc.scenes.sites import in_pairs
+from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.disorder.averages import scattered_moments
 from sphtrunc.theory.disorder.debye_waller import finite_ratio, gaussian_shift
 from sphtrunc.theory.disorder.leading_law import moment_rows
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sampling import displaced
-from sphtrunc.theory.disorder.sensitivities import Stencil, is_smooth, second_order
+from sphtrunc.theory.disorder.sensitivities import is_smooth, mixing, second_order
 from sphtrunc.theory.fields import Taylor
 from sphtrunc.theory.lattice_sums import lattice_moments
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
+    from sphtrunc.scenes.arrangement import Arrangement
 
 SECOND_ORDER = 240  # displacements, up to which second derivatives are taken
 LARGE = 0.1  # σ/Δx from which the closed form, where there is one, is better than two orders in σ
@@ -70,83 +69,101 @@ class Prediction:
 def predict(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     *,
-    sigma: float = 0.0,
-    distribution: str = "gaussian",
-    volume: str = "constant",
     degree: int = 3,
     axis: int = 0,
 ) -> Prediction:
     """Mean and standard deviation of the moments M_α, |α| <= degree, of one component.
 
-    kind, dx_over_h, offset: the lattice, and where it lies relative to the target, in Δx
-    sigma: σ/Δx along each axis; distribution: "gaussian", "uniform" or "blue"
-    volume: "constant", "cell" (1D) or "summation"
+    Beside a wall every particle is on the side of its site; there displacements are propagated, to
+    order σ⁴ where particles are few and the kernel is smooth.
 
-    Raises ValueError for a correction whose matrix is singular on this lattice.
+    Raises ValueError for a correction whose matrix is singular on this lattice, and beside a wall
+    for displaced particles with ghosts, on the wall, or in the nested form.
     """
-    operator.require_pairs(not sigma and in_pairs(kind, offset))
-    dim = len(offset)
-    values = lattice_moments(
-        kernel, operator, kind, dx_over_h, offset, degree, axis=axis, exact=False, volume=volume
-    )
+    sigma, ratio, walled = scene.sigma, float(scene.dx_over_h), scene.wall is not None
+    where = " on one side of a wall" if walled else ""
+    if walled:
+        from sphtrunc.theory.walls.moments import wall_lattice_moments as lattice_values
+    else:
+        lattice_values = lattice_moments
+        operator.require_pairs(scene.paired)
+    values = lattice_values(kernel, operator, scene, degree, axis=axis, exact=False)
     mean = {alpha: float(m) for alpha, m in values.items()}
     if sigma == 0:
-        return Prediction(sigma, distribution, mean, dict.fromkeys(mean, 0.0), "lattice sum")
+        still = dict.fromkeys(mean, 0.0)
+        return Prediction(sigma, scene.distribution, mean, still, f"lattice sum{where}")
+    if walled and operator.form == NESTED:
+        raise ValueError(
+            "jitter: beside a wall there is no theory for the nested form; expected another form"
+        )
+    scene.require_unmoved_wall()
     # what is zero by a mirror symmetry of the lattice stays so, and so does what a form has exactly
     alphas = [a for a in values if any(a) or not operator.uses_difference]
-    moving = [a for a in alphas if values[a] != 0 or any(offset)]
-    lattice = (kernel, operator, kind, dx_over_h, offset, volume)
-    if not operator.uncorrected or volume != "constant" or distribution == "blue":
-        signals = Taylor([{alpha: 1.0} for alpha in alphas])
-        found = displaced(*lattice, signals, 0.0, sigma, distribution, axis)
-        shift, second = found.shift[:, 0, 0], found.second[:, 0, 0]
-        mean |= {a: mean[a] + float(x) for a, x in zip(alphas, shift, strict=True) if a in moving}
-        spreads = np.sqrt(np.maximum(second - shift**2, 0.0))
-        known = found.known_to / np.where(second > 0, 2.0 * second, 1.0)
-        std = dict.fromkeys(values, 0.0) | dict(zip(alphas, map(float, spreads), strict=True))
-        how = (
-            "averages over sampled displacements of all particles, standard deviations good to"
-            f" {percent(float(known.max()))}"
-        )
-        uncertainty = dict(zip(alphas, map(float, known), strict=True))
-        return Prediction(sigma, distribution, mean, std, how, uncertainty)
-    slopes, index = propagate(*lattice, degree, axis)
-    variance = {a: sigma**2 * float((row * row).sum()) for a, row in slopes.items()}
+    moving = [a for a in alphas if values[a] != 0 or not scene.at_particle or walled]
+    plain = operator.uncorrected and scene.volume == "constant" and scene.distribution != "blue"
+    if not plain and not walled:
+        return _sampled(kernel, operator, scene, mean, alphas, moving, axis)
+    slopes, index = propagate(kernel, operator, scene, degree, axis)
+    mixed = mixing(scene, index)
+    by_source = {a: row if mixed is None else mixed.T @ row for a, row in slopes.items()}
+    variance = {a: sigma**2 * float((row * row).sum()) for a, row in by_source.items()}
     how = "first-order propagation through the lattice"
-    size = (index.shape[1], dim)
-    s = Stencil(kernel, kind, dx_over_h, offset, "constant").s
-    smooth = is_smooth(kernel, operator, s, sigma * float(dx_over_h))
-    if size[0] * dim <= SECOND_ORDER and smooth and sigma <= LARGE:
+    few = mixed is None and index.size <= SECOND_ORDER and (sigma <= LARGE or walled)
+    if few and is_smooth(kernel, operator, scene.positions(index), sigma * ratio):
         how = "second-order propagation through the lattice"
-        excess = -1.2 if distribution == "uniform" else 0.0
-        more = second_order(lambda at: propagate(*lattice, degree, axis, at)[0], size, excess)
+        excess = -1.2 if scene.distribution == "uniform" else 0.0
+        more = second_order(
+            lambda at: propagate(kernel, operator, scene, degree, axis, at)[0],
+            index.T.shape,
+            excess,
+        )
         variance = {a: max(v + sigma**4 * more[a][1], 0.0) for a, v in variance.items()}
         mean |= {a: mean[a] + sigma**2 * more[a][0] for a in moving}
-    else:
-        averaged = scattered_moments(
-            kernel, operator, kind, dx_over_h, offset, alphas, sigma, distribution, axis
-        )
+    elif not walled:
+        averaged = scattered_moments(kernel, operator, scene, alphas, axis)
         if averaged is not None:
             how = "displacements of any size, particle by particle"
             variance |= {a: v for a, (_, v) in averaged.items()}
             mean |= {a: averaged[a][0] for a in moving}
-    if distribution == "gaussian":
-        part = operator.coefficients({}, dim)[axis]
+    if scene.distribution == "gaussian" and not walled:
+        part = operator.coefficients({}, scene.dim)[axis]
         for alpha in moving:
-            rows = moment_rows(part, alpha)
-            damped = gaussian_shift(kernel, rows, kind, dx_over_h, offset, sigma)
+            damped = gaussian_shift(kernel, moment_rows(part, alpha), scene)
             mean[alpha] = float(values[alpha]) + (1 if any(alpha) else operator.copies) * damped
         if how.startswith("first"):
             how = "closed form for Gaussian displacements"
             for alpha in variance:
                 rows = moment_rows(part, alpha)
-                variance[alpha] *= finite_ratio(kernel, rows, float(dx_over_h) * sigma, dim) ** 2
+                variance[alpha] *= finite_ratio(kernel, rows, ratio * sigma, scene.dim) ** 2
     std = {a: v**0.5 for a, v in variance.items()}
-    return Prediction(sigma, distribution, mean, std, how)
+    return Prediction(sigma, scene.distribution, mean, std, how + where)
+
+
+def _sampled(
+    kernel: Kernel | Gaussian,
+    operator: Operator,
+    scene: Arrangement,
+    mean: dict[MultiIndex, float],
+    alphas: list[MultiIndex],
+    moving: list[MultiIndex],
+    axis: int,
+) -> Prediction:
+    """From displacements of all particles, around the moments on the lattice."""
+    signals = Taylor([{alpha: 1.0} for alpha in alphas])
+    found = displaced(kernel, operator, scene, signals, 0.0, axis)
+    shift, second = found.shift[:, 0, 0], found.second[:, 0, 0]
+    spreads = np.sqrt(np.maximum(second - shift**2, 0.0))
+    std = dict.fromkeys(mean, 0.0) | dict(zip(alphas, map(float, spreads), strict=True))
+    known = found.known_to / np.where(second > 0, 2.0 * second, 1.0)
+    mean |= {a: mean[a] + float(x) for a, x in zip(alphas, shift, strict=True) if a in moving}
+    how = (
+        "averages over sampled displacements of all particles, standard deviations good to"
+        f" {percent(float(known.max()))}"
+    )
+    uncertainty = dict(zip(alphas, map(float, known), strict=True))
+    return Prediction(scene.sigma, scene.distribution, mean, std, how, uncertainty)
 
 
 def percent(x: float) -> str:

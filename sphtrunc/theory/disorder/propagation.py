@@ -6,8 +6,6 @@ algebra of the operators carries them on, through corrections and volumes, to �
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.dual import Dual, dual_solve
@@ -23,33 +21,29 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 
 def propagate(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
-    volume: str,
+    scene: Arrangement,
     degree: int,
     axis: int = 0,
     moved: Array | None = None,
-    first: int | None = None,
 ) -> tuple[dict[MultiIndex, Array], NDArray[Any]]:
     """∂M_α/∂u_b, (N, d), for displacements u in Δx, and the integer points b, (d, N).
 
     The target's own displacement moves every offset s_b = (x_b − x_a)/h; a fixed target (an offset)
-    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken; first: see
-    `Stencil`.
+    has none. moved: displacements, (N, d) in Δx, at which the derivative is taken.
     """
     import numpy as np
 
     if operator.form == NESTED:
-        seen = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume, moved)
+        seen = SecondNeighbours(kernel, operator, scene, moved)
         alphas = multi_indices(seen.dim, degree)
         return {a: seen.slopes(Taylor([{a: 1.0}]))[0, axis, 0] for a in alphas}, seen.index
-    stencil = Stencil(kernel, kind, dx_over_h, offset, volume, moved, first)
+    stencil = Stencil(kernel, scene, moved)
     symmetric = operator.form == SYMMETRIC
     keys = operator.needed(stencil.dim, degree)
     sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}

@@ -14,9 +14,8 @@ is estimated from their spread.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +27,6 @@ from sphtrunc.arithmetic.summation import UNIT
 from sphtrunc.kernels.factors import factor_values
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.operators.terms import VALUE, monomial, parts
-from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.nested import SecondNeighbours, pairs_within
 from sphtrunc.theory.disorder.sensitivities import Stencil, dual_coefficients, mixing
 from sphtrunc.theory.fields import Signals
@@ -39,6 +37,7 @@ if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 CUT = 4.0  # standard deviations, which no Gaussian displacement passes
 CLOSER = 5.0  # standard deviations by which two particles come closer to each other at most
@@ -64,18 +63,13 @@ class Spread:
 def displaced(
     kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
-    volume: str,
+    scene: Arrangement,
     signals: Signals,
     still: Array | float,
-    sigma: float,
-    distribution: str,
     axis: int | None = None,
     enough: float = ENOUGH,
 ) -> Spread:
-    """What displacements of standard deviation σ, in Δx, do to every signal, component and part.
+    """What the displacements of a scene do to every signal, component and part.
 
     still: E₀ − exact on the lattice, (K, C, F), for what the mean of (E − exact)² is good to
     axis: the only component that is looked at; enough: relative, to which an rms has to be known
@@ -84,10 +78,10 @@ def displaced(
     """
     stencil: Stencil | SecondNeighbours
     if operator.form == NESTED:
-        stencil = SecondNeighbours(kernel, operator, kind, dx_over_h, offset, volume)
+        stencil = SecondNeighbours(kernel, operator, scene)
     else:
-        stencil = Stencil(kernel, kind, dx_over_h, offset, volume)
-    around = Around(kernel, operator, kind, dx_over_h, offset, volume, sigma, distribution)
+        stencil = Stencil(kernel, scene)
+    around = Around(kernel, operator, scene)
     rows = around.rows_of(stencil.index)
     slopes = slopes_of(stencil, operator, signals)
     shape = tuple(1 + max(axis) for axis in zip(*slopes, strict=True))
@@ -95,14 +89,14 @@ def displaced(
     for key, slope in slopes.items():
         linear[key][rows] = slope
     sources = linear if around.mixed is None else np.matmul(around.mixed.T, linear)
-    first = sigma**2 * (sources**2).sum(axis=(-2, -1))
+    first = scene.sigma**2 * (sources**2).sum(axis=(-2, -1))
     flat = linear.reshape(*shape, -1)
     chosen = slice(None) if axis is None else slice(axis, axis + 1)
     flat, first = flat[:, chosen], first[:, chosen]
     lattice = around.estimates(signals, np.zeros((1, *around.points.shape)))[0][0][:, chosen]
     rounded = (ROUNDED * np.abs(lattice).max()) ** 2
     kept: list[tuple[Array, Array, Array]] = []
-    for u in around.draws(sigma, distribution, int(np.prod(shape))):
+    for u in around.draws(int(np.prod(shape))):
         (up, well), (down, too) = around.estimates(signals, u), around.estimates(signals, -u)
         up, down = up[:, :, chosen], down[:, :, chosen]
         well &= too  # no estimate at a correction matrix that is near to singular, as in `measure`
@@ -175,53 +169,42 @@ class Around:
     points: (M, d) in h; near: those that may come within the support of the target
     """
 
-    def __init__(
-        self,
-        kernel: Kernel | Gaussian,
-        operator: Operator,
-        kind: str,
-        dx_over_h: Fraction,
-        offset: Sequence[Fraction],
-        volume: str,
-        sigma: float,
-        distribution: str,
-    ) -> None:
-        self.kernel, self.operator, self.volume = kernel, operator, volume
-        self.dim, self.ratio = len(offset), float(dx_over_h)
+    def __init__(self, kernel: Kernel | Gaussian, operator: Operator, scene: Arrangement) -> None:
+        self.kernel, self.operator, self.scene, self.volume = kernel, operator, scene, scene.volume
+        self.dim, self.ratio = scene.dim, float(scene.dx_over_h)
         nested = operator.form == NESTED
         support = float(kernel.support)
-        margin = CLOSER * sigma
-        levels = 1 + nested + (volume == "summation")
+        margin = CLOSER * scene.sigma
+        levels = 1 + nested + (self.volume == "summation")
         reach = levels * (support / self.ratio + margin)
-        reach += 1.5 + 2.0 * margin if volume == "cell" else 0.0
-        self.index = sites(kind, reach, tuple(offset))
-        length = np.array([float(x) for x in units(kind)])
-        self.points = self.ratio * (self.index.T * length + np.array([float(x) for x in offset]))
+        reach += 1.5 + 2.0 * margin if self.volume == "cell" else 0.0
+        self.index = scene.sites(reach)
+        self.points = scene.positions(self.index)
         square = (self.points**2).sum(axis=1)
-        self.target = int(square.argmin()) if not any(offset) else -1
+        self.target = int(square.argmin()) if scene.at_particle else -1
         self.limit = limit = (support + margin * self.ratio) ** 2 * (1 + 1e-9)
         self.near = np.flatnonzero(square <= limit)
-        self.mixed = mixing(kind, self.index, distribution)
+        self.mixed = mixing(scene, self.index)
         self.seen = self.near  # the particles whose volumes are needed
         if nested:
             at = np.concatenate([self.points[self.near], np.zeros((1, self.dim))])
             self.b, self.c = pairs_within(self.points, at, limit)
             self.seen = np.unique(self.c)
-        if volume == "summation":
+        if self.volume == "summation":
             self.i, self.j = pairs_within(self.points, self.points[self.seen], limit)
             self.own = self.seen[self.i]
         gradient = operator.gradient if nested else operator
         self.keys = [] if gradient.uncorrected else gradient.needed(self.dim, 0)
         terms = len(self.c) if nested else len(self.near)
         self.size = terms * (1 + len(self.keys) // 4)
-        self.size += len(self.i) if volume == "summation" else 0
+        self.size += len(self.i) if self.volume == "summation" else 0
 
     def rows_of(self, index: NDArray[Any]) -> NDArray[Any]:
         """Where particles at integer points stand."""
         place = {tuple(m): row for row, m in enumerate(self.index.T.tolist())}
         return np.array([place[tuple(m)] for m in index.T.tolist()])
 
-    def draws(self, sigma: float, distribution: str, figures: int) -> Iterator[Array]:
+    def draws(self, figures: int) -> Iterator[Array]:
         """Displacements in Δx, (D, M, d), block by block, always the same; for so many figures."""
         size = max(self.size, figures * len(self.near))
         most = min(max(WORK // (2 * size), FEWEST), MOST)
@@ -231,12 +214,12 @@ class Around:
         while done < most:
             block = min(max(1, _BLOCK // size), max(done, FEWEST), most - done)
             shape = (block, sources, self.dim)
-            if distribution == "uniform":
+            if self.scene.distribution == "uniform":
                 v = random.uniform(-(3**0.5), 3**0.5, shape)
             else:
                 v = np.clip(random.standard_normal(shape), -CUT, CUT)
             done += block
-            yield sigma * (v if self.mixed is None else np.matmul(self.mixed, v))
+            yield self.scene.sigma * (v if self.mixed is None else np.matmul(self.mixed, v))
 
     def estimates(self, signals: Signals, moved: Array) -> tuple[Array, NDArray[np.bool_]]:
         """E for displacements (D, M, d) in Δx, (D, K, C, F), and whether its correction is safe."""

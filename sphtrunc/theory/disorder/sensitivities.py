@@ -6,8 +6,7 @@ algebra of the corrections.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from fractions import Fraction
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.dual import Dual, dual_solve
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.gaussian import Gaussian
-    from sphtrunc.kernels.kernel import Kernel
+    from sphtrunc.scenes.arrangement import Arrangement
 
 
 class Terms:
@@ -71,34 +70,16 @@ class Stencil:
     def __init__(
         self,
         kernel: Kernel | Gaussian,
-        kind: str,
-        dx_over_h: Fraction,
-        offset: Sequence[Fraction],
-        volume: str,
+        scene: Arrangement,
         moved: Array | None = None,
-        first: int | None = None,
     ) -> None:
-        """moved: displacements, (N, d) in Δx, at which everything is evaluated; first: the first
-        plane of particles along the first axis, if a wall cuts off the others."""
+        """moved: displacements, (N, d) in Δx, at which everything is evaluated."""
         import numpy as np
 
-        from sphtrunc.scenes.sites import sites, units
-
-        self.kernel, self.dim, self.ratio = kernel, len(offset), float(dx_over_h)
-        reach = (2.0 if volume == "summation" else 1.0) * float(kernel.support) / self.ratio
-        self.index = sites(kind, reach + (1.5 if volume == "cell" else 0.0), tuple(offset))
-        if first is not None:
-            self.index = self.index[:, self.index[0] >= first]
-        unit_length = np.array([float(u) for u in units(kind)])
-        s = self.ratio * (self.index.T * unit_length + np.array([float(o) for o in offset]))
-        self.target = int(np.argmin((s * s).sum(axis=1))) if not any(offset) else -1
-        if moved is not None:
-            s += self.ratio * moved
-            if self.target >= 0:
-                s -= s[self.target].copy()
-        self.s = s
-        self.volumes, self.variation = volumes_of(kernel, s, self.ratio, self.dim, volume)
-        self._terms = Terms(kernel, s, np.arange(len(s)) == self.target)
+        self.kernel, self.dim, self.ratio = kernel, scene.dim, float(scene.dx_over_h)
+        self.index, self.s, self.target = around(kernel, scene, 1, moved)
+        self.volumes, self.variation = volumes_of(kernel, self.s, scene)
+        self._terms = Terms(kernel, self.s, np.arange(len(self.s)) == self.target)
 
     def sampled(self, key: Key) -> tuple[Array, Array]:
         """g_b and ∇g_b of the term of a base sum, (N,) and (N, d)."""
@@ -147,13 +128,36 @@ def dual_coefficients(
     ]
 
 
+def around(
+    kernel: Kernel | Gaussian, scene: Arrangement, reach: int, moved: Array | None
+) -> tuple[NDArray[Any], Array, int]:
+    """The particles that an estimate depends on, whose sums reach so many supports: integer points
+    (d, N), offsets (N, d) in h, and the row of the target, −1 where it is no particle.
+
+    moved: their displacements, (N, d) in Δx
+    """
+    import numpy as np
+
+    reach += scene.volume == "summation"
+    radius = reach * float(kernel.support) / float(scene.dx_over_h)
+    index = scene.sites(radius + (1.5 if scene.volume == "cell" else 0.0))
+    s = scene.positions(index)
+    target = int(np.argmin((s * s).sum(axis=1))) if scene.at_particle else -1
+    if moved is not None:
+        s += float(scene.dx_over_h) * moved
+        if target >= 0:
+            s -= s[target].copy()
+    return index, s, target
+
+
 def volumes_of(
-    kernel: Kernel | Gaussian, s: Array, ratio: float, dim: int, rule: str, reach: int = 1
+    kernel: Kernel | Gaussian, s: Array, scene: Arrangement, reach: int = 1
 ) -> tuple[Array, Callable[[Array], Array] | None]:
     """V_b within so many supports, and how Σ_b g_b δV_b depends on the displacements, as a function
     of g."""
     import numpy as np
 
+    ratio, dim, rule = float(scene.dx_over_h), scene.dim, scene.volume
     volumes = np.full(len(s), ratio**dim)
     if rule == "cell":
         order = np.argsort(s[:, 0])
@@ -191,7 +195,7 @@ def volumes_of(
     return volumes, None
 
 
-def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
+def mixing(scene: Arrangement, index: NDArray[Any]) -> Array | None:
     """F with u = F v, v independent and of unit variance, for particles at integer points, (N, K);
     None where the displacements u are independent themselves.
 
@@ -201,16 +205,16 @@ def mixing(kind: str, index: NDArray[Any], distribution: str) -> Array | None:
 
     from sphtrunc.scenes.sites import KINDS
 
-    if distribution != "blue":
+    if scene.distribution != "blue":
         return None
-    steps = KINDS[kind].nearest
+    steps = KINDS[scene.kind].nearest
     if not steps:
         raise ValueError(
-            f"distribution: blue needs the same neighbours at every site, {kind} has two sorts;"
-            " expected gaussian or uniform, or another lattice"
+            f"distribution: blue needs the same neighbours at every site, {scene.kind} has two"
+            " sorts; expected gaussian or uniform, or another lattice"
         )
     scale = (1.0 + 1.0 / len(steps)) ** -0.5
-    taps = [((0,) * KINDS[kind].dim, scale), *((e, -scale / len(steps)) for e in steps)]
+    taps = [((0,) * scene.dim, scale), *((e, -scale / len(steps)) for e in steps)]
     places = np.concatenate([index.T + np.array(step) for step, _ in taps])
     _, inverse = np.unique(places, axis=0, return_inverse=True)
     columns = inverse.reshape(len(taps), -1)

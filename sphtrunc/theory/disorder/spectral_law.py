@@ -11,14 +11,17 @@ the integral: Parseval's theorem, without any approximation. Seen from the parti
     ⟨M⟩ = ∫ ψ + Δx^d ∫ ψ̂(k) S(k) d^d k/(2π)^d,
 
 exactly, with the particle itself in the sum. The spread is taken to be the same as between them:
-what it differs by is a third cumulant, which is not known from S. On glasses it is found to be 0.85
-to 1 times that for moments of degree 2, down to 0.65 for lower ones where h is below 1.6 Δx; and
+what it differs by is a third cumulant, of the density at the target and the sum twice, which is not
+known from S. On glasses of pair repulsion and of shifting, in 2D and 3D, it is found to be 0.85 to
+1.2 times that for moments of degree 2 of plain gradients and of CSPH, 0.8 to 1 for those of degree
+1 where h is 1.5 Δx and more and down to 0.5 below, and 0.45 to 1 for the gradient of RKPM-1; and
 the sum that relaxation drives to zero, M_0 of a gradient, is much smaller on particles that were
 relaxed with the same kernel.
 
 Test functions: a moment of any operator is a function of base sums m (`sphtrunc.operators`), and to
-first order in their fluctuations M ≈ M(m̄) + Σ ∂M/∂m (m − m̄), so that ψ = Σ_key (∂M/∂m_key) g_key:
-for the first moments of uncorrected gradients
+first order in their fluctuations M ≈ M(m̄) + Σ ∂M/∂m (m − m̄), so that ψ = Σ_key (∂M/∂m_key) g_key;
+of corrected operators a part of the spread is neglected that is about as large as the fluctuation
+of what is divided by, relative to its mean. For the first moments of uncorrected gradients
 
     M_0: |ĝ|² = k₁²F²,   M_{e₁}: (F + k₁²F′/k)²,   M_{e₂}: (k₁k₂F′/k)²,
 
@@ -64,8 +67,9 @@ BLOCK = 1 << 16  # nodes at a time
 PLACES = ("random", "particles")
 VOLUMES = ("constant", "summation")
 AT_PARTICLES = (
-    "the spread is that between the particles, found to be 0.65 to 1.1 times it on them, and far"
-    " less for M(0) of a gradient where they were relaxed with this kernel"
+    "the spread is that between the particles; on glasses it is found to be 0.8 to 1.2 times it"
+    " on them, 0.45 to 1 times it for RKPM-1 or h below 1.5 Δx, and far less for M(0) of a gradient"
+    " where they were relaxed with this kernel"
 )
 
 

@@ -31,6 +31,7 @@ from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.factors import factor_values
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.terms import CURVATURE, SLOPE, VALUE
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import KINDS, sites, units
 from sphtrunc.theory.dispersion.brillouin import scale
 from sphtrunc.theory.lattice_sums import _radial, _shells, real_context
@@ -448,7 +449,7 @@ def _still(
     ctx = real_context()
     number = _rational if exact else _digits(ctx).number
     shift = Fraction(1, 2) if staggered else Fraction(0)
-    shells = _shells(kind, ratio, (shift,) * dim, fraction(kernel.support))
+    shells = _shells(Arrangement(kind, ratio, (shift,) * dim), fraction(kernel.support))
     if shells.x.shape[1] == 0 or all(q2 >= fraction(kernel.support) ** 2 for q2 in shells.squares):
         raise ValueError(_no_neighbours(str(ratio), kernel))
     shell_of = np.repeat(

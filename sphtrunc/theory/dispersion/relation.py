@@ -20,8 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sphtrunc.operators.forces import (
     CORRECTED,
     GRAD_H,

@@ -37,9 +37,9 @@ from sphtrunc.operators.h_rules import require_rule, require_support, slope_shar
 from sphtrunc.operators.moments import Moments, MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import BROOKSHAW, FATEHI_MANZARI, Key, parts
-from sphtrunc.scenes.sites import sites, units
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.theory.derivation import Derivation, Varying
-from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, _radial, real_context, rounded
+from sphtrunc.theory.lattice_sums import DIGITS, _at_origin, radial_values, real_context, rounded
 from sphtrunc.theory.limit import continuous_sum
 
 if TYPE_CHECKING:
@@ -292,9 +292,7 @@ def _number(value: Any, exact: bool) -> Expr:
 def lattice_sums_of(
     kernel: Kernel,
     keys: Sequence[Key],
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     gradient: Sequence[Fraction],
     rule: str,
 ) -> dict[Key, Any]:
@@ -306,26 +304,23 @@ def lattice_sums_of(
     """
     require_support(fraction(kernel.support), gradient, rule)
     if rule == "mean-kernel":
-        arguments = (kernel, keys, kind, dx_over_h, offset, gradient)
-        gather, scatter = (lattice_sums_of(*arguments, one) for one in ("gather", "scatter"))
+        gather, scatter = (
+            lattice_sums_of(kernel, keys, scene, gradient, one) for one in ("gather", "scatter")
+        )
         return {key: (gather[key] + scatter[key]) / 2 for key in keys}
-    dim, reach = len(offset), fraction(kernel.support)
+    dim, reach, dx_over_h = scene.dim, fraction(kernel.support), scene.dx_over_h
     slopes = [slope_share(rule) * g for g in gradient]
     steep = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(reach)
     radius = float(reach / dx_over_h) / (1.0 - steep) * (1.0 + 1e-9)
     around: list[Any] = []  # (s, t = s/H, H) of every particle within its own support
-    for point in sites(kind, radius, tuple(offset)).T.tolist():
-        s = [(n * u + o) * dx_over_h for n, u, o in zip(point, units(kind), offset, strict=True)]
+    for s in scene.exact_positions(scene.sites(radius)):
         stretch = 1 + sum((g * x for g, x in zip(slopes, s, strict=True)), Fraction(0))
         if any(s) and stretch > 0 and sum(x * x for x in s) <= (reach * stretch) ** 2:
             around.append((s, [x / stretch for x in s], stretch))
-    there = not any(offset)
+    there = scene.at_particle
     squares = [sum((x * x for x in t), Fraction(0)) for _, t, _ in around]
     factors = {factor for key in keys for _, _, factor in parts(key)}
-    found = {k: _radial(kernel, k, squares, True, dim) for k in factors}
-    rational = all(values is not None for values in found.values())
-    if not rational:
-        found = {k: _radial(kernel, k, squares, False, dim) for k in factors}
+    found, rational = radial_values(kernel, factors, squares, True, dim)
     ctx = real_context()
     volume = dx_over_h**dim
     sigma = kernel.normalisation(dim)
@@ -337,9 +332,7 @@ def lattice_sums_of(
         term, alpha = key
         total: Any = Fraction(0) if rational else ctx.zero
         for c, beta, factor in parts((term, unit(dim, 0, 0))):
-            values = found[factor]
-            assert values is not None
-            for (s, t, stretch), value in zip(around, values, strict=True):
+            for (s, t, stretch), value in zip(around, found[factor], strict=True):
                 weight = c / stretch ** (dim + derivatives_of(term)) * value
                 for x, y, n, m in zip(s, t, alpha, beta, strict=True):
                     weight *= x**n * y**m if n or m else 1
@@ -384,10 +377,10 @@ def varying(derivation: Derivation, gradient: object, rule: str = "scatter") -> 
             raise ValueError(
                 f"volume: got {derivation.volume}, expected constant with a gradient of h"
             )
-        ratio = fraction(derivation.dx_over_h)
-        shift = [fraction(x) for x in derivation.shift]
+        shift = tuple(fraction(x) for x in derivation.shift)
+        scene = Arrangement(derivation.lattice, fraction(derivation.dx_over_h), shift)
         needed = operator.needed(dim, degree)
-        sums = lattice_sums_of(kernel, needed, derivation.lattice, ratio, shift, slopes, rule)
+        sums = lattice_sums_of(kernel, needed, scene, slopes, rule)
         values = operator.correct(sums, dim, degree)
         discrete = replace(discrete, values={a: _shown(m) for a, m in values.items()})
     along = not any(slopes[1:])

@@ -19,12 +19,12 @@ from sphtrunc.operators.h_rules import require_rule, require_support, slope_shar
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, monomial, parts
-from sphtrunc.scenes.sites import sites, units
 from sphtrunc.theory.disorder.prediction import Prediction
 from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
+    from sphtrunc.scenes.arrangement import Arrangement
 
 _NEAR, _FAR = 1e-5, 1e-3  # steps of first and second differences
 
@@ -32,29 +32,29 @@ _NEAR, _FAR = 1e-5, 1e-3  # steps of first and second differences
 def predict_varying(
     kernel: Kernel,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
+    scene: Arrangement,
     gradient: Sequence[Fraction],
     rule: str,
     *,
-    sigma: float = 0.0,
-    distribution: str = "gaussian",
     degree: int = 3,
 ) -> Prediction:
     """Mean and standard deviation of the moments of the first component, seen from a particle.
 
-    sigma: of the displacements along each axis, in Δx; blue ones are not independent
-    Raises ValueError for those, nested forms, and |g|κ >= 1.
+    Raises ValueError for blue displacements, which are not independent, nested forms, |g|κ >= 1,
+    targets that are no particles and volumes that are not constant.
     """
     require_rule(rule)
     require_support(fraction(kernel.support), gradient, rule)
     if operator.form == NESTED:
         raise ValueError("form: nested sums see every particle's own h; expected another form")
-    dim = len(gradient)
-    keys = operator.needed(dim, degree)
-    if not sigma:
-        offset = [Fraction(0)] * dim
-        sums = lattice_sums_of(kernel, keys, kind, dx_over_h, offset, gradient, rule)
+    if scene.volume != "constant" or not scene.at_particle:
+        raise ValueError(
+            "scene: with a gradient of h there is theory for constant volumes and targets that are"
+            " particles"
+        )
+    dim, distribution = scene.dim, scene.distribution
+    if not scene.sigma:
+        sums = lattice_sums_of(kernel, operator.needed(dim, degree), scene, gradient, rule)
         found = operator.correct(sums, dim, degree)
         mean = {alpha: float(m) for alpha, m in found.items()}
         return Prediction(0.0, distribution, mean, dict.fromkeys(mean, 0.0), "lattice sum")
@@ -62,31 +62,25 @@ def predict_varying(
         raise ValueError(
             "distribution: blue displacements depend on one another; expected gaussian"
         )
-    return _displaced(
-        kernel, operator, kind, dx_over_h, gradient, rule, sigma, degree, distribution
-    )
+    return _displaced(kernel, operator, scene, gradient, rule, degree)
 
 
 def _displaced(
     kernel: Kernel,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
+    scene: Arrangement,
     gradient: Sequence[Fraction],
     rule: str,
-    sigma: float,
     degree: int,
-    distribution: str,
 ) -> Prediction:
     import numpy as np
 
-    dim, dx = len(gradient), float(dx_over_h)
+    dim, dx, sigma = scene.dim, float(scene.dx_over_h), scene.sigma
     slopes = np.array([float(slope_share(rule) * g) for g in gradient])
     steep = float(np.sqrt(slopes @ slopes)) * float(kernel.support)
     radius = float(kernel.support) / (1.0 - steep) / dx + 6.0 * sigma + 1.0
-    points = sites(kind, radius, (Fraction(0),) * dim)
-    s = points.T * np.array([float(u) for u in units(kind)]) * dx
-    s = s[np.any(points != 0, axis=0)]
+    points = scene.sites(radius)
+    s = scene.positions(points)[np.any(points != 0, axis=0)]
     step, volume = sigma * dx, dx**dim
     keys = operator.needed(dim, degree)
     base: dict[Key, float] = {}
@@ -118,7 +112,7 @@ def _displaced(
             std[alpha] = 0.0
     return Prediction(
         sigma,
-        distribution,
+        scene.distribution,
         {alpha: float(m) for alpha, m in mean.items()},
         std,
         "expansion in the displacements, h carried along",

@@ -15,6 +15,7 @@ from sphtrunc.kernels.arguments import rational
 from sphtrunc.operators.moments import Moments, MultiIndex, label, unit
 from sphtrunc.operators.operator import Operator
 from sphtrunc.operators.terms import Key
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.walls import PLACES, Wall
 from sphtrunc.theory.orders import Orders
 from sphtrunc.theory.walls.half_space import ETA, beyond_pieces, cut_pieces, cut_sum
@@ -142,17 +143,15 @@ def _placed(
     if ratio is not None:
         if not ratio.is_Rational:
             raise ValueError(f"dx-over-h: got {ratio}, expected a rational ratio beside a wall")
-        offset, phase = wall.placed(lattice, fraction(ratio), offset)
-        where = _place(phase % 1)
+        scene = Arrangement(lattice, fraction(ratio), offset).beside(wall)
+        offset, where = scene.offset, _place(scene.wall_phase % 1)
         if linear:
             theta = Rational(offset[0].numerator, offset[0].denominator)
             share = Rational(wall.share.numerator, wall.share.denominator)
             sums = cut_lattice_sums(kernel, needed, eta, ratio, theta, share)
             values = operator.correct(sums, dim, degree)
         else:
-            values = wall_lattice_moments(
-                kernel, operator, lattice, fraction(ratio), offset, degree, replace(wall, at=None)
-            )
+            values = wall_lattice_moments(kernel, operator, scene, degree)
         if not any(values.values()):
             raise ValueError(
                 f"dx-over-h: got {ratio}, and no particle is inside the support of"

@@ -30,15 +30,17 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from math import ceil, comb, floor
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sympy import Expr, Rational
 
+from sphtrunc.arithmetic.rational import fraction
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.operators.corrections import below, shifted
 from sphtrunc.operators.moments import MultiIndex, add
 from sphtrunc.operators.operator import NESTED, PAIRED, Operator
 from sphtrunc.operators.terms import FATEHI_MANZARI, Key, Sums
+from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import KINDS, units
 from sphtrunc.scenes.walls import Wall
 from sphtrunc.theory.euler_maclaurin import (
@@ -50,6 +52,9 @@ from sphtrunc.theory.euler_maclaurin import (
 )
 from sphtrunc.theory.lattice_sums import lattice_sums, real_context, rounded
 from sphtrunc.theory.walls.half_space import cut_sum, odd, plane
+
+if TYPE_CHECKING:
+    from sphtrunc.kernels.gaussian import Gaussian
 
 #: of which dummy particles take their value
 EXTRAPOLATION = Operator("value", "standard", "shepard")
@@ -210,9 +215,7 @@ def cut_moments(
     require(kernel, operator)
     eta: Any = Rational(wall.eta.numerator, wall.eta.denominator)
     layered = in_layers(operator, wall.ghosts)
-    closed = dim != 2 or operator.uncorrected
-    if dim == 3 and operator.form == FATEHI_MANZARI:
-        closed = False  # logarithms
+    closed = is_rational(operator, dim) or (dim == 2 and operator.uncorrected)
     if layered or not closed or not exact:
         eta = real_context().mpf(wall.eta.numerator) / wall.eta.denominator
 
@@ -230,6 +233,19 @@ def cut_moments(
     fluid = HalfSpace(lambda keys: sums(keys, eta), lambda keys: sums(keys, -eta), layers)
     found = moments_of(operator, dim, degree, axis, eta, wall.ghosts, fluid)
     return {alpha: settled(value, 25 if layered else 40) for alpha, value in found.items()}
+
+
+def is_rational(operator: Operator, dim: int) -> bool:
+    """The sums of the operator over a half space at a rational distance are rational: no roots, as
+    in 2D, and no logarithms."""
+    return dim == 1 or (dim == 3 and operator.form != FATEHI_MANZARI)
+
+
+def cut_number(kernel: Kernel, operator: Operator, key: Key, eta: Fraction) -> Any:
+    """`cut_sum` as a number to compute with: a Fraction where it is one, else of 50 digits."""
+    if is_rational(operator, len(key[1])):
+        return fraction(cut_sum(kernel, key, Rational(eta.numerator, eta.denominator)))
+    return cut_sum(kernel, key, real_context().mpf(eta.numerator) / eta.denominator)
 
 
 def nodes(ends: Sequence[Any], knots: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
@@ -274,13 +290,10 @@ def in_layers(operator: Operator, ghosts: str) -> bool:
 
 
 def wall_lattice_moments(
-    kernel: Kernel,
+    kernel: Kernel | Gaussian,
     operator: Operator,
-    kind: str,
-    dx_over_h: Fraction,
-    offset: Sequence[Fraction],
+    scene: Arrangement,
     degree: int,
-    wall: Wall,
     *,
     axis: int = 0,
     exact: bool = True,
@@ -292,21 +305,23 @@ def wall_lattice_moments(
     Raises ValueError where no particle is inside the support, and where the matrix of a correction
     is singular.
     """
-    require(kernel, operator)
-    shift, phase = wall.placed(kind, dx_over_h, offset)
+    kernel = require(kernel, operator)
+    if scene.wall is None:
+        raise ValueError("wall: expected an arrangement beside one")
+    wall, dx_over_h, shift, phase = scene.wall, scene.dx_over_h, scene.offset, scene.wall_phase
     layered = in_layers(operator, wall.ghosts)
-    if layered and KINDS[kind].turned is not None:
+    if layered and KINDS[scene.kind].turned is not None:
         raise ValueError(
-            f"lattice: the particles of one plane of {kind} differ in what they see; expected"
+            f"lattice: the particles of one plane of {scene.kind} differ in what they see; expected"
             " another lattice, or no dummies and no nested form"
         )
     exact = exact and (len(shift) == 1 or (operator.uncorrected and not layered))
-    support = Fraction(int(kernel.support.p), int(kernel.support.q))
-    wall.require_seen(kind, dx_over_h, shift, support)
+    support = fraction(kernel.support)
+    scene.require_seen(support)
     share = wall.share
 
     def some(keys: Sequence[Key], at: Sequence[Fraction], planes: Any) -> dict[Key, Any]:
-        return lattice_sums(kernel, keys, kind, dx_over_h, at, exact, planes=planes)
+        return lattice_sums(kernel, keys, scene.seen_from(at), exact, planes=planes)
 
     def total(keys: Sequence[Key], at: Sequence[Fraction], phi: Fraction) -> dict[Key, Any]:
         first = floor(-phi) + 1
@@ -317,7 +332,7 @@ def wall_lattice_moments(
         return sums
 
     def layers(keys: Sequence[Key], seen: Sequence[Key], outside: bool) -> list[tuple[Sums, Sums]]:
-        step, reach = units(kind)[0], support / dx_over_h
+        step, reach = units(scene.kind)[0], support / dx_over_h
         found: list[tuple[Sums, Sums]] = []
         home = (Fraction(0),) * len(shift)
         for m in range(ceil((-reach - shift[0]) / step), floor((reach - shift[0]) / step) + 1):
