@@ -233,7 +233,8 @@ def _least(
         raise ValueError(
             f"tune: no setting of {kernel.name} with at most"
             f" {_neighbours(problem, kernel, exp(grid[0])):.4g} neighbours has h/λ between"
-            f" {SHORTEST:g} and {LONGEST:g} and two particles per wavelength; expected another number of particles or pairs"
+            f" {SHORTEST:g} and {LONGEST:g} and two particles per wavelength; expected another"
+            " number of particles or pairs"
         )
     return setting(problem, kernel, r, x(r))
 
