@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from math import inf, pi, sqrt
 from typing import TYPE_CHECKING, Any
@@ -306,7 +306,7 @@ def _parabola(moves: Array, values: Array) -> Array:
     curvature, axes = np.linalg.eigh(bend)
     slope = axes.T @ fit[1 : 1 + dim]
     size = np.maximum(np.abs(curvature), np.abs(slope) / _FAR)
-    return -(axes @ np.divide(slope, size, out=np.zeros(dim), where=size > 0))[None]
+    return np.asarray(-(axes @ np.divide(slope, size, out=np.zeros(dim), where=size > 0)))[None]
 
 
 # ------------------------------------------------------------------------------- many settings
@@ -331,7 +331,7 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
         stable = [row[branch] >= 0 for row in rows]
         edges = [
             _root(
-                lambda r, b=branch: margins(r)[b], grid_[i : i + 2], [x[branch] for x in pair], 1e-6
+                partial(_margin, margins, branch), grid_[i : i + 2], [x[branch] for x in pair], 1e-6
             )
             for i, pair in enumerate(pairwise(rows))
             if stable[i] != stable[i + 1]
@@ -342,6 +342,10 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
             edges = [*edges, grid_[-1]]
         found[branch] = [_range(rest, a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return found
+
+
+def _margin(margins: Callable[[float], dict[str, float]], branch: str, ratio: float) -> float:
+    return margins(ratio)[branch]
 
 
 def _range(rest: Rest, low: float, high: float) -> Range:

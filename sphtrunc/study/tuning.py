@@ -215,7 +215,7 @@ def _longest(
         if enough > ENOUGH and lengths[1] < 1.2 * lengths[0]:
             below, above = (log(s.total) for s in (splits or ())[last : last + 2])
             return float(ends[0] * (ends[1] / ends[0]) ** ((log(error) - below) / (above - below)))
-        lengths = np.geomspace(*ends, 5)
+        lengths = np.geomspace(ends[0], ends[1], 5)
 
 
 def _least(
