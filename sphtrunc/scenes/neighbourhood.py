@@ -29,14 +29,14 @@ class Ghosts:
 
     kind: "mirror", "odd" or "dummy"
     rows: (N, 1) whether it is a ghost
-    wall: s₁ of the wall, and what is to be added to it
+    wall: s₁ of the wall, and what is to be added to it, numbers or (1, T) each
     image: (N, 1) s₁ of what a ghost is the image of, of a fluid particle its own; None for dummies
     beside: of the images, as of `Beside`
     """
 
     kind: str
     rows: NDArray[np.bool_]
-    wall: tuple[float, float]
+    wall: tuple[Any, Any]
     image: Array | None = None
     beside: Array | None = None
 
