@@ -75,6 +75,8 @@ def command(**given: Any) -> None:
     found = read(given["file"], **options.read_as(given))
     for note in found.notes:
         click.echo(f"note: {note}", err=True)
+    if given["allow_duplicates"] and (duplicates := found.duplicates()):
+        click.echo(f"warning: {duplicates}", err=True)
     kernel, h = _kernel(given, found)
     scene = found.particles(h=h, allow_duplicates=given["allow_duplicates"])
     fields: dict[str, Any] = {}

@@ -243,6 +243,8 @@ def _read(given: dict[str, Any]) -> Any:
     )
     for note in found.notes:
         click.echo(f"note: {note}", err=True)
+    if given["allow_duplicates"] and (duplicates := found.duplicates()):
+        click.echo(f"warning: {duplicates}", err=True)
     if found.ignored:
         click.echo(f"note: columns {', '.join(found.ignored)} are not used", err=True)
     return scene

@@ -139,17 +139,19 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
     if not box > 0 or not value > 0 or not given["pairs_per_second"] > 0:
         raise ValueError(f"{aim}, box: got {value:g} and {box:g}, expected positive numbers")
     first = kernels[0]
+    most = [_most_neighbours(kernel, dim) for kernel in kernels]
     if aim == "error":
-        best = best_at_error(problem, first, value)
+        best = best_at_error(problem, first, value, most[0])
     elif aim in ("pairs", "seconds"):
         cost = value if aim == "pairs" else value * given["pairs_per_second"] / box**dim
-        best = best_at_cost(problem, first, cost)
+        best = best_at_cost(problem, first, cost, most[0])
     else:
         n = value if aim == "particles_per_wavelength" else value ** (1 / dim) / box
-        best = best_at_particles(problem, first, n)
-    found = [best, *(best_at_cost(problem, k, best.cost) for k in kernels[1:])]
+        best = best_at_particles(problem, first, n, most[0])
+    others = zip(kernels[1:], most[1:], strict=True)
+    found = [best, *(best_at_cost(problem, k, best.cost, n) for k, n in others)]
     rows = [_with_pairing(s, k, dim) for s, k in zip(found, kernels, strict=True)]
-    rows.sort(key=lambda row: (row["pairs"], row["error"]["total"]))
+    rows.sort(key=lambda row: row["error"]["total"])
     document["recommended"] = rows
     document["most_neighbours"] = MOST_NEIGHBOURS[dim]
     document["pairs_per_second"] = given["pairs_per_second"]
@@ -162,9 +164,12 @@ def _document(given: dict[str, Any]) -> dict[str, Any]:
         now = setting(problem, first, ratio, 1 / (best.particles * ratio))
         document["now"] = {"given": given["now"], **_with_pairing(now, first, dim)}
         document["advice"] = advice(problem, now.dominant)
+        equal = {
+            "error": best_at_particles(problem, first, now.particles, most[0]),
+            "at_equal_cost": best_at_cost(problem, first, now.cost, most[0]),
+        }
         document["loss"] = {
-            "error": now.error.total / best_at_particles(problem, first, now.particles).error.total,
-            "at_equal_cost": now.error.total / best_at_cost(problem, first, now.cost).error.total,
+            name: now.error.total / least.error.total for name, least in equal.items()
         }
     return document
 
@@ -193,6 +198,14 @@ def _disordered(given: dict[str, Any], problem: Any) -> tuple[Any, Any, str]:
     found, alpha = disorder(text, problem.dim, home)
     path = exponents(problem.operator, problem.dim, alpha)
     return replace(problem, disorder=found), path, str(alpha)
+
+
+def _most_neighbours(kernel: Any, dim: int) -> float:
+    """Neighbours that are looked at: fewer than let particles pair."""
+    from sphtrunc.study.pairing import pairing_limit
+
+    limit = pairing_limit(kernel, dim)
+    return float("inf") if limit is None else (1 - 1e-6) * limit
 
 
 def _with_pairing(chosen: Setting, kernel: Any, dim: int) -> dict[str, Any]:
@@ -283,14 +296,15 @@ def _text(document: dict[str, Any]) -> str:
     best = document["recommended"][0]
     found = [
         f"Take {best['kernel']} with h = {1 / best['dx_over_h']:.3g} Δx: Δx/h ="
-        f" {best['dx_over_h']:.3g}, {_count(best['neighbours'])} neighbours, and"
+        f" {best['dx_over_h']:.3g}, {_count(best['neighbours'])} neighbours"
+        f"{_until(best['pairing_limit'])}, and"
         f" {best['particles']:.3g} particles per wavelength, so h = {best['h_over_lambda']:.3g} λ.",
         f"Its error at λ is {_share(best['error']['total'])} (rms, of the largest exact value):"
         f" {_made_of(best['error'])}.",
         f"It takes {_count(best['cost'])} pairs per λ{'  ²³'[dim].strip()}:"
         f" {document['seconds']:.2g} s for the box at {document['pairs_per_second']:.3g} pairs/s.",
     ]
-    found += _pairing(document["recommended"], dim)
+    found += _limited(best, dim)
     if best["neighbours"] > 0.97 * document["most_neighbours"]:
         found.append(
             f"No more neighbours than {document['most_neighbours']} are looked at: with the same"
@@ -301,7 +315,8 @@ def _text(document: dict[str, Any]) -> str:
         found.append(
             f"Finer particles: keep h ∝ {power_text('Δx', path['h'])}; then the error falls as"
             f" {power_text('Δx', path['error'])} and neighbours grow as"
-            f" {power_text('N', path['neighbours'])}."
+            f" {power_text('N', path['neighbours'])}"
+            f"{'' if best['pairing_limit'] is None else ', up to those that pair'}."
         )
     if "alpha" in document:
         alpha = Fraction(document["alpha"])
@@ -320,9 +335,17 @@ def _text(document: dict[str, Any]) -> str:
             [
                 f"Now ({now['given']}, {now['kernel']}, as many particles): the error is"
                 f" {_share(now['error']['total'])}, {loss['error']:.3g} times the least for these"
-                f" particles and {loss['at_equal_cost']:.3g} times the least for these pairs."
+                f" particles and {loss['at_equal_cost']:.3g} times the least for these"
+                f" pairs{' without pairing' if now['pairs'] else ''}."
                 f" It is mostly {now['dominant']}. {document['advice']}",
-                *([f"Now as well {_pairs(now, dim)}"] if now["pairs"] else []),
+                *(
+                    [
+                        f"Warning: with {_count(now['neighbours'])} neighbours, as now, particles"
+                        f" pair in a fluid under pressure. {_sign(now, dim)}"
+                    ]
+                    if now["pairs"]
+                    else []
+                ),
             ]
         )
     return "\n".join(lines)
@@ -362,28 +385,28 @@ def _kind(document: dict[str, Any]) -> str:
     return f"displaced by σ/Δx = {sigma:g}" if sigma else "on a lattice"
 
 
-def _pairing(rows: list[dict[str, Any]], dim: int) -> list[str]:
-    """A warning where the first setting lets particles pair; and why better ones are not first."""
-    first = rows[0]
-    if first["pairs"]:
-        other = "wendland-c2-1d" if dim == 1 else "wendland-c2"
-        return [
-            f"Warning: {_pairs(first, dim)} Wendland's kernels have no such limit: compare --kernel"
-            f" {other}."
-        ]
+def _limited(row: dict[str, Any], dim: int) -> list[str]:
+    """What keeps a setting from more neighbours, where that is pairing."""
+    limit = row["pairing_limit"]
+    if limit is None or row["neighbours"] < 0.97 * limit:
+        return []
+    other = "wendland-c2-1d" if dim == 1 else "wendland-c2"
     return [
-        f"{row['kernel']} is not preferred, though its error is less: {_pairs(row, dim)}"
-        for row in rows
-        if row["pairs"] and row["error"]["total"] < first["error"]["total"]
+        f"No more are recommended: with {_count(limit)} neighbours particles pair in a fluid under"
+        f" pressure. {_sign(row, dim)} Wendland's kernels have no such limit: compare --kernel"
+        f" {other}."
     ]
 
 
-def _pairs(row: dict[str, Any], dim: int) -> str:
-    """What is wrong with so many neighbours."""
+def _until(limit: float | None) -> str:
+    return "" if limit is None else f" (particles pair from {_count(limit)} on)"
+
+
+def _sign(row: dict[str, Any], dim: int) -> str:
+    """Why a kernel has a pairing limit."""
     return (
-        f"with {_count(row['neighbours'])} neighbours particles pair in a fluid under pressure. The"
-        f" Fourier transform of {row['kernel']} changes sign in {dim}D, and holds them apart up to"
-        f" {row['pairing_limit']:.3g} neighbours."
+        f"The Fourier transform of {row['kernel']} changes sign in {dim}D, and holds them apart up"
+        f" to {_count(row['pairing_limit'])} neighbours."
     )
 
 

@@ -22,14 +22,11 @@ from sphtrunc.arithmetic.precision import arithmetic
 from sphtrunc.arithmetic.summation import Array
 from sphtrunc.experiment import ghosts, nested
 from sphtrunc.experiment.fields import Bump, Values
-from sphtrunc.experiment.measurement import Block
-from sphtrunc.experiment.neighbour_sums import (
-    Weights,
-    estimate,
-    exact_derivatives,
-    moments_by_fields,
-)
+from sphtrunc.experiment.measurement import Block, Moment
+from sphtrunc.experiment.neighbour_sums import Weights, exact_derivatives, moments_by_fields
+from sphtrunc.experiment.neighbour_sums import evaluated as summed
 from sphtrunc.experiment.task import Task, is_still, is_wave
+from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
@@ -96,13 +93,15 @@ def _sum(
         for one, own in zip(task.fields, owns, strict=True)
     ]
     health = Health()
+    moments: list[dict[MultiIndex, Any]]
     if task.operator.form == NESTED:
         found, moments = nested.estimate(task, number, block, s, volume, owns, health)
         parts = found[0] if found else []
     else:
         weights = Weights(number, s, volume, task.kernel, task.operator, stretches)
         density = _density(task, number, block, volume)
-        parts, moments = estimate(weights, None if cut else task.degree, samples, health, density)
+        degree = None if cut else task.degree
+        parts, moments = summed(weights, degree, samples, health, density)
         if cut and task.degree is not None:
             fields = dict(ghosts.monomials(task, number, block, s, task.degree))
             moments = moments_by_fields(weights, fields, health)
@@ -120,13 +119,18 @@ def _sum(
         target=target,
         estimates=_stacked(number.value, parts),
         errors=_stacked(number.value, errors),
-        moments={a: _wide(number.value(m), target.size) for a, m in moments.items()},
+        moments=_read(number.value, moments, target.size),
         rest=_stacked(number.rest, errors or parts),
-        moment_rest={a: _wide(number.rest(m), target.size) for a, m in moments.items()},
+        moment_rest=_read(number.rest, moments, target.size),
         pairs=inside.sum(axis=0),
         neighbours=away,
         condition=_wide(np.asarray(health.condition), target.size),
     )
+
+
+def _read(read: Any, moments: list[dict[MultiIndex, Any]], size: int) -> tuple[Moment, ...]:
+    """Of every component, multi-index -> (T,)."""
+    return tuple({a: _wide(read(m), size) for a, m in found.items()} for found in moments)
 
 
 def _density(task: Task, number: Any, block: Neighbourhood, volume: Any) -> Any:
@@ -168,16 +172,22 @@ def _nearer(bounded: Block, fine: Block) -> Block:
         return np.minimum((np.abs((value - rough) + rest) + FINER * radius) * SLACK, radius)
 
     shown = "estimates" if bounded.errors is None else "errors"
-    moments = bounded.moment_rest or {}
+    each = zip(
+        bounded.moments,
+        bounded.moment_rest or (),
+        fine.moments,
+        fine.moment_rest or (),
+        strict=True,
+    )
     return replace(
         bounded,
         rest=None
         if bounded.rest is None
         else bound(getattr(bounded, shown), getattr(fine, shown), fine.rest, bounded.rest),
-        moment_rest={
-            a: bound(bounded.moments[a], fine.moments[a], (fine.moment_rest or {})[a], radius)
-            for a, radius in moments.items()
-        },
+        moment_rest=tuple(
+            {a: bound(rough[a], value[a], rest[a], radius[a]) for a in rough}
+            for rough, radius, value, rest in each
+        ),
     )
 
 
@@ -250,10 +260,10 @@ def _joined(blocks: list[Block], target: Indices) -> Block:
         target=target,
         estimates=side([b.estimates for b in blocks]),
         errors=side([b.errors for b in blocks]),
-        moments={
-            a: np.concatenate([b.moments[a] for b in blocks])[: target.size]
-            for a in blocks[0].moments
-        },
+        moments=tuple(
+            {a: np.concatenate([b.moments[c][a] for b in blocks])[: target.size] for a in found}
+            for c, found in enumerate(blocks[0].moments)
+        ),
         rest=side([b.rest for b in blocks]),
         moment_rest=None,
         pairs=np.concatenate([b.pairs for b in blocks])[: target.size],

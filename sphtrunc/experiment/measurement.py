@@ -22,13 +22,17 @@ SIGMAS = 1.959963984540054  # of a normal distribution: 95 % lie within
 PHASES = 720  # at which the one target of a lattice is shown a sinusoid
 
 
+#: multi-index -> (T,)
+Moment = Mapping[MultiIndex, Array]
+
+
 @dataclass(frozen=True)
 class Block:
     """What one block of T targets gave; arrays over targets.
 
     estimates: (C, T) components of the estimate, and errors: (C, T) less the exact derivative, both
         in units of A/h^k; None without a field (errors: without exact derivatives)
-    moments: multi-index -> (T,) of the first component
+    moments: multi-index -> (T,) of each component; empty without any
     rest, moment_rest: what the arithmetic holds beside the values (of the errors, where there are
         any): bounds of the rounding errors, or the digits that follow
     pairs, neighbours: (T,) particles within the support, with and without those at the target
@@ -38,9 +42,9 @@ class Block:
     target: Indices
     estimates: Array | None
     errors: Array | None
-    moments: Mapping[MultiIndex, Array]
+    moments: tuple[Moment, ...]
     rest: Array | None
-    moment_rest: Mapping[MultiIndex, Array] | None
+    moment_rest: tuple[Moment, ...] | None
     pairs: Indices
     neighbours: Indices
     condition: Array
@@ -60,7 +64,8 @@ class Measurement:
     errors_low: (C, n), the digits that follow those of the errors, in extended and exact precision
         (None for the phases of a lattice)
     estimates: (C, n) in units of A/h^k (explicit particles: of A/length^k); None without a field
-    moments: measured M_α of the first component, arrays (n,) over targets
+    moments: measured M_α of the first component, arrays (n,) over targets; moments_of: of each
+        component of what the operator stands for, for divergence and curl of the gradient
     rounding_bound: largest bound of the rounding error of an error figure, relative likewise;
         without a field, of a moment; None if not asked for
     error_bound: (C, n), and moment_bound: multi-index -> (n,), the bounds one by one
@@ -80,6 +85,7 @@ class Measurement:
     errors_low: Array | None
     estimates: Array | None
     moments: Moments
+    moments_of: tuple[Moments, ...]
     error_bound: Array | None
     moment_bound: Mapping[MultiIndex, Array] | None
     rounding_bound: float | None
@@ -172,10 +178,19 @@ class Measurement:
             )
         return rows
 
-    def moment_statistics(self) -> dict[str, dict[str, Any]]:
-        """ "0,0,0": mean, standard deviation over targets, 95 % confidence interval of the mean."""
+    @property
+    def rows(self) -> list[str]:
+        """A name for each component that has moments: x, y, z; xx, xy, …; or the operator's."""
+        count, axes = len(self.moments_of), "xyz"[: self.settings["dim"]]
+        if self.settings["operator"] == "hessian":
+            return [f"{a}{b}" for i, a in enumerate(axes) for b in axes[i:]][:count]
+        return list(axes) if count == len(axes) > 1 else [str(self.settings["operator"])]
+
+    def moment_statistics(self, component: int = 0) -> dict[str, dict[str, Any]]:
+        """ "0,0,0": mean, standard deviation over targets, 95 % confidence interval of the mean;
+        of explicit particles 1 %, 50 % and 99 % quantiles, too."""
         result = {}
-        for alpha, values in self.moments.values.items():
+        for alpha, values in self.moments_of[component].values.items():
             if not values.size:
                 continue
             mean, std = float(values.mean()), float(values.std())
@@ -208,6 +223,11 @@ class Measurement:
             "error": self.error,
             **({} if self.estimate is None else {"estimate": self.estimate}),
             "moments": self.moment_statistics(),
+            **(
+                {"moments_of": {c: self.moment_statistics(i) for i, c in enumerate(self.rows)}}
+                if len(self.rows) > 1
+                else {}
+            ),
             "rounding_bound": self.rounding_bound,
             "interrupted": self.interrupted,
             "seconds": round(self.seconds, 3),
@@ -227,10 +247,12 @@ class Measurement:
                 low, high = error[f"{name}_ci95"]
                 rows.append(f"error_{name},{error[name]!r},,{low!r},{high!r}")
             rows.append(f"error_max,{error['max']!r},,,")
-        for key, row in self.moment_statistics().items():
-            low, high = row["ci95"]
-            name = key.replace(",", " ")
-            rows.append(f"moment {name},{row['mean']!r},{row['std']!r},{low!r},{high!r}")
+        for i, component in enumerate(self.rows):
+            what = f"moment of {component}" if i else "moment"
+            for key, row in self.moment_statistics(i).items():
+                low, high = row["ci95"]
+                name = key.replace(",", " ")
+                rows.append(f"{what} {name},{row['mean']!r},{row['std']!r},{low!r},{high!r}")
         if self.rounding_bound is not None:
             rows.append(f"rounding_bound,{self.rounding_bound!r},,,")
         for name in ("targets", "pairs", "pairs_full", "flagged"):
@@ -276,20 +298,33 @@ class Measurement:
             for name, values in zip(self.components, self.estimate, strict=True):
                 figures = [values[key] for key in ("mean", "rms", "p1", "p50", "p99")]
                 lines.append(f"  {name:<10}" + "".join(f"{x:>14.6e} " for x in figures).rstrip())
-        rows = self.moment_statistics()
-        if rows:
-            lines.append(
-                "Discrete moments        mean                      std    95 % of the mean"
-            )
-            for key, row in rows.items():
-                low, high = row["ci95"]
-                lines.append(
-                    f"  M({key})".ljust(14)
-                    + f"{row['mean']:>20.13e}  {row['std']:>15.6e}    [{low:.6e}, {high:.6e}]"
-                )
+        for i, component in enumerate(self.rows):
+            rows = self.moment_statistics(i)
+            lines += _moment_lines(rows, component if len(self.rows) > 1 else "")
         if self.rounding_bound is not None:
             lines.append(f"Rounding changes a figure by at most {self.rounding_bound:.3e}")
         return "\n".join(lines)
 
     def __str__(self) -> str:
         return self.to_text()
+
+
+def _moment_lines(rows: dict[str, dict[str, Any]], component: str) -> list[str]:
+    """A table of moments, with their quantiles beside it where there are any."""
+    if not rows:
+        return []
+    title = f"Discrete moments of {component}" if component else "Discrete moments"
+    lines = [f"{title:<24}mean                      std    95 % of the mean"]
+    for key, row in rows.items():
+        low, high = row["ci95"]
+        lines.append(
+            f"  M({key})".ljust(14)
+            + f"{row['mean']:>20.13e}  {row['std']:>15.6e}    [{low:.6e}, {high:.6e}]"
+        )
+    if "p1" in next(iter(rows.values())):
+        lines.append("  over targets       1 %            median         99 %")
+        lines += [
+            f"  M({key})".ljust(14) + " ".join(f"{row[p]:>14.6e}" for p in ("p1", "p50", "p99"))
+            for key, row in rows.items()
+        ]
+    return lines

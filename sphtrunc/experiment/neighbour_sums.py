@@ -123,32 +123,59 @@ class Weights:
 def estimate(
     weights: Weights, degree: int | None, fields: list[Any], health: Health, density: Any = None
 ) -> tuple[list[Any], dict[MultiIndex, Any]]:
-    """Components of the estimate, and moments up to `degree`.
+    """Components of the estimate, and moments of the first of them up to `degree`.
 
     fields: samples, one for a scalar, d for a vector; density: ρ_a/ρ_b for the symmetric form
     """
-    number, s, operator = weights.number, weights.s, weights.operator
-    dim = len(s)
-    zero = unit(dim, 0, 0)
+    found, moments = evaluated(weights, degree, fields, health, density, components=1)
+    return found, moments[0] if moments else {}
+
+
+def evaluated(
+    weights: Weights,
+    degree: int | None,
+    fields: list[Any],
+    health: Health,
+    density: Any = None,
+    components: int | None = None,
+) -> tuple[list[Any], list[dict[MultiIndex, Any]]]:
+    """Components of the estimate, and moments up to `degree` of each of its weights: all of them,
+    or the first `components`; arguments as of `estimate`."""
+    number, operator, dim = weights.number, weights.operator, len(weights.s)
     parts, sums = weights.coefficients(health)
+    factor = density if operator.form == SYMMETRIC else None
+    moments = [
+        _moments(weights, part, sums, degree, factor)
+        for part in parts[:components]
+        if degree is not None
+    ]
+    for found in moments if operator.uses_difference else ():
+        found[unit(dim, 0, 0)] = number.number(
+            np.full(_targets(weights.s), float(operator.adds_own))
+        )
+    estimates = [applied(weights, parts, one, density) for one in fields]
+    return _contracted(operator, estimates, fields, dim), moments
+
+
+def _moments(
+    weights: Weights, part: dict[Key, Any], sums: dict[Key, Any], degree: int, density: Any
+) -> dict[MultiIndex, Any]:
+    """The moments of one component; what is summed for them is kept in `sums`."""
+    number, operator, dim = weights.number, weights.operator, len(weights.s)
     moments: dict[MultiIndex, Any] = {}
-    if degree is not None:
-        factor = density if operator.form == SYMMETRIC else None
-        for alpha in multi_indices(dim, degree):
-            for term, gamma in parts[0]:
-                key = term, add(alpha, gamma)
-                if key not in sums:
-                    sums[key] = weights.total(key, factor)
-            moments[alpha] = combine(parts[0], sums, alpha)
-        if operator.uses_difference:
-            moments[zero] = number.number(np.full(_targets(s), float(operator.adds_own)))
-        elif factor is None:
-            moments[zero] = operator.zeroth(moments[zero])
-        else:
-            back = number.ratio(number.number(np.ones(1)), density)
-            moments[zero] = moments[zero] + weights.total((unit(dim, 0), zero), back)
-    found = [applied(weights, parts, one, density) for one in fields]
-    return _contracted(operator, found, fields, dim), moments
+    for alpha in multi_indices(dim, degree):
+        for term, gamma in part:
+            key = term, add(alpha, gamma)
+            if key not in sums:
+                sums[key] = weights.total(key, density)
+        moments[alpha] = combine(part, sums, alpha)
+    zero = unit(dim, 0, 0)
+    if density is None:
+        moments[zero] = operator.zeroth(moments[zero])
+    else:
+        back = number.ratio(number.number(np.ones(1)), density)
+        moments[zero] = moments[zero] + sum(weights.total(key, back) for key in part)
+    return moments
 
 
 def applied(
@@ -168,15 +195,17 @@ def applied(
 
 def moments_by_fields(
     weights: Weights, fields: dict[MultiIndex, Any], health: Health
-) -> dict[MultiIndex, Any]:
-    """The moments of the first component as what it gives for s^α, sampled: where particles carry
-    other values than those of the field at their place."""
-    s, operator = weights.s, weights.operator
+) -> list[dict[MultiIndex, Any]]:
+    """The moments of every component as what it gives for s^α, sampled: where particles carry other
+    values than those of the field at their place."""
+    operator = weights.operator
     parts, _ = weights.coefficients(health)
-    moments = {alpha: applied(weights, parts[:1], one)[0] for alpha, one in fields.items()}
-    zero = unit(len(s), 0, 0)
-    if operator.uses_difference:
-        moments[zero] = weights.number.number(np.full(_targets(s), float(operator.adds_own)))
+    found = {alpha: applied(weights, parts, one) for alpha, one in fields.items()}
+    moments = [{alpha: row[c] for alpha, row in found.items()} for c in range(len(parts))]
+    for one in moments if operator.uses_difference else ():
+        one[unit(len(weights.s), 0, 0)] = weights.number.number(
+            np.full(_targets(weights.s), float(operator.adds_own))
+        )
     return moments
 
 

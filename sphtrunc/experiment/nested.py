@@ -70,8 +70,8 @@ def estimate(
     volume: Any,
     owns: Sequence[Any],
     health: Health,
-) -> tuple[list[list[Any]], dict[MultiIndex, Any]]:
-    """Components for each field of a task, [field][component], and moments, (T,).
+) -> tuple[list[list[Any]], list[dict[MultiIndex, Any]]]:
+    """Components for each field of a task, [field][component], and moments of each component, (T,).
 
     s, volume: of the block as numbers; owns: what the fields have drawn for the targets
 
@@ -109,7 +109,7 @@ def estimate(
         difference = one.at(number, block, s, drawn).difference
         own.append([applied(here, part, difference) for part in outer])
     parts: list[list[Any]] = [[0 for _ in axes] for _ in fields]
-    moments: dict[MultiIndex, Any] = dict.fromkeys(alphas, 0)
+    moments: list[dict[MultiIndex, Any]] = [dict.fromkeys(alphas, 0) for _ in axes]
     for view in views(number, task.scene, kernel, block):
         rows = view.rows
         near = [x[rows] for x in s]
@@ -139,12 +139,16 @@ def estimate(
                     parts[f][c] = parts[f][c] + applied(at, outer[i], rise[j])
         powers = {alpha: at.monomial(alpha) for alpha in alphas}
         for alpha in alphas[1:]:
-            for i, j in axes[0]:
-                rise_j = shifted(powers, seen[j], alpha) - own_moments[j][alpha]
-                moments[alpha] = moments[alpha] + applied(at, outer[i], rise_j)
+            steps = [shifted(powers, seen[j], alpha) - own_moments[j][alpha] for j in range(dim)]
+            for c, row in enumerate(axes):
+                for i, j in row:
+                    moments[c][alpha] = moments[c][alpha] + applied(at, outer[i], steps[j])
     zeros = number.number(np.zeros(block.target.shape))
     parts = [[zeros if isinstance(x, int) else x for x in row] for row in parts]
-    return parts, {a: zeros if isinstance(m, int) else m for a, m in moments.items()}
+    return parts, [
+        {a: zeros if isinstance(m, int) else m for a, m in found.items()}
+        for found in (moments if alphas else ())
+    ]
 
 
 def _worst(health: Health, well: Health, block: Neighbourhood, rows: slice, support: float) -> None:

@@ -39,7 +39,7 @@ class Estimates:
     """An operator at T targets.
 
     values: (F, C, T), C components for each of F fields, in units of A/h^k
-    moments: multi-index -> (T,) of the first component
+    moments: multi-index -> (T,) of each component
     neighbours, others: as in `PairSums`
     condition: (T,) of the worst correction matrix; where it is above 1e12 the estimate is flagged
         and means nothing
@@ -47,7 +47,7 @@ class Estimates:
 
     targets: Any
     values: Array
-    moments: Mapping[MultiIndex, Array]
+    moments: tuple[Mapping[MultiIndex, Array], ...]
     neighbours: Any
     others: Any
     condition: Array
@@ -86,10 +86,10 @@ def estimates(
         return _nested(scene, kernel, operator, fields, targets, options)
     keys = [] if operator.uncorrected else operator.needed(dim, 0)
     shape = _structure(operator, dim)
+    alphas = [] if degree is None else list(multi_indices(dim, degree))
     field_keys = list(dict.fromkeys(key for part in shape for key in part))
-    if degree is not None:
-        alphas = list(multi_indices(dim, degree))
-        keys += [(d, add(alpha, gamma)) for d, gamma in shape[0] for alpha in alphas]
+    if alphas:
+        keys += [(d, add(a, gamma)) for part in shape for d, gamma in part for a in alphas]
     values = np.atleast_2d(np.asarray(fields, dtype=np.float64))
     count = 0 if values.size == 0 else len(values)
     density = None
@@ -113,9 +113,7 @@ def estimates(
     index = np.arange(scene.population)[summed.targets]
     neighbours, others = np.empty((2, index.size), dtype=np.int64)
     out = np.empty((count, len(shape), index.size))
-    moments = (
-        {a: np.empty(index.size) for a in multi_indices(dim, degree)} if degree is not None else {}
-    )
+    moments = tuple({a: np.empty(index.size) for a in alphas} for _ in shape if alphas)
     condition = np.zeros(index.size)
 
     block = max(1, min(1 << 15, _NUMBERS // summed.rows.shape[1]))
@@ -134,14 +132,15 @@ def estimates(
                     own, a = density[index[part]], values[f, index[part]]
                     back = sum(x * weighted[key][-1] for key, x in row.items())
                     out[f, c, part] = own * out[f, c, part] + a * back
-        for alpha, into in moments.items():
-            into[part] = combine(found[0], base, alpha)
+        for row, of_row in zip(found, moments, strict=False):
+            for alpha, into in of_row.items():
+                into[part] = combine(row, base, alpha)
         condition[part] = health.condition
 
     with ThreadPoolExecutor(threads(workers)) as pool:
         list(pool.map(finish, range(0, index.size, block)))
-    if operator.uses_difference and moments:
-        moments[unit(dim, 0, 0)][:] = float(operator.adds_own)
+    for of_row in moments if operator.uses_difference else ():
+        of_row[unit(dim, 0, 0)][:] = float(operator.adds_own)
     if operator.adds_own:
         out += values[:count, None, index]
     return Estimates(index, out, moments, neighbours, others, condition)
@@ -180,7 +179,7 @@ def _nested(
     return Estimates(
         outer.targets,
         np.stack(parts, axis=1),
-        {},
+        (),
         outer.neighbours,
         outer.others,
         condition,

@@ -13,7 +13,7 @@ from sphtrunc.arithmetic.summation import UNIT, Array, dd, dd_div
 from sphtrunc.experiment.fields import Sinusoid, Values
 from sphtrunc.experiment.measurement import PHASES, SIGMAS, Block, Measurement
 from sphtrunc.experiment.task import described, is_still
-from sphtrunc.operators.moments import Moments
+from sphtrunc.operators.moments import Moments, MultiIndex
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
 from sphtrunc.scenes.neighbourhood import Indices
@@ -84,11 +84,11 @@ def squares(blocks: list[Block], operator: Operator, dim: int) -> Array:
             parts = [p[_fit(b)] for p, b in zip(parts, blocks, strict=True)]
         return np.concatenate(parts)
     exact = operator.target(dim)
-    if not all(alpha in blocks[0].moments for alpha in exact):
+    if not blocks[0].moments or not all(alpha in blocks[0].moments[0] for alpha in exact):
         raise ValueError("rtol: expected a field, or moments up to those of the operator")
     return np.concatenate(
         [
-            np.sum([(b.moments[a] - m) ** 2 for a, m in exact.items()], axis=0)[_fit(b)]
+            np.sum([(b.moments[0][a] - m) ** 2 for a, m in exact.items()], axis=0)[_fit(b)]
             for b in blocks
         ]
     )
@@ -141,30 +141,41 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         errors, low, bound = (None if x is None else x[:, fit] for x in (errors, low, bound))
     if estimates is not None and any(isinstance(f, Values) for f in task.fields):
         estimates = estimates / task.scene.h[target] ** k  # type: ignore[union-attr]
-    moments = {a: np.concatenate([b.moments[a] for b in blocks])[fit] for a in blocks[0].moments}
-    moment_bound = None
-    if task.bound:
-        moment_bound = {
-            a: np.concatenate([b.moment_rest[a] for b in blocks if b.moment_rest])[fit]
-            for a in moments
-        }
+
+    def of_moments(name: str) -> list[dict[MultiIndex, Array]]:
+        found = [getattr(b, name) for b in blocks]
+        return [
+            {a: np.concatenate([one[c][a] for one in found])[fit] for a in row}
+            for c, row in enumerate(found[0])
+        ]
+
+    moments = of_moments("moments")
+    moment_bound = of_moments("moment_rest") if task.bound else []
     worst = None
     if task.bound:
         every = [] if bound is None else [np.linalg.norm(bound, axis=0)]
-        every = every or list((moment_bound or {}).values())
+        every = every or [values for row in moment_bound for values in row.values()]
         sizes = [float(b.max()) for b in every if b.size]
         worst = max(sizes, default=0.0)
         if errors is not None and errors.size:  # scaling, phases, squares and their mean
             worst += 16.0 * UNIT * float(np.abs(errors).max())
         worst = worst if np.isfinite(worst) else None
-    for figures in (errors, *moments.values()):
+    for figures in (errors, *(values for row in moments for values in row.values())):
         if figures is not None and not np.all(np.isfinite(figures)):
             raise ValueError(
                 "scene: a sum is beyond the range of floats; expected volumes of about h^d"
             )
     bad = np.flatnonzero(~fit)
     corrected = not task.operator.uncorrected
-    bounds = sum(0 if b is None else b.size for b in [bound, *(moment_bound or {}).values()])
+    bounds = (0 if bound is None else bound.size) + sum(
+        values.size for row in moment_bound for values in row.values()
+    )
+    dim = task.scene.dim
+    exact = [task.operator.target(dim, axis) for axis in range(max(len(moments), 1))]
+    found = [
+        Moments(row, target_, k, "measured")
+        for row, target_ in zip(moments or [{}], exact, strict=True)
+    ]
     return Measurement(
         settings=described(task),
         target=target,
@@ -178,9 +189,10 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
         errors=errors,
         errors_low=low,
         estimates=estimates,
-        moments=Moments(moments, task.operator.target(task.scene.dim), k, "measured"),
+        moments=found[0],
+        moments_of=tuple(found),
         error_bound=bound,
-        moment_bound=moment_bound,
+        moment_bound=(moment_bound or [{}])[0] if task.bound else None,
         rounding_bound=worst,
         exact_statistics=lattice,
         interrupted=interrupted,

@@ -21,7 +21,8 @@ _AXES = "xyz"
 def table(measured: Measurement, scene: Particles) -> dict[str, Any]:
     """Column -> (T,): particle, its position and h, whether it was flagged, the components of the
     estimate in units of A/length^k, of the error relative to the largest exact derivative, and the
-    moments of the first component; NaN where a target was flagged."""
+    moments of the first component, M(α), and of the others, "M(α) of y"; NaN where a target was
+    flagged."""
     at, used = measured.target, measured.used
     columns: dict[str, Any] = {"particle": at}
     columns |= {_AXES[i]: axis[at] for i, axis in enumerate(scene.x)}
@@ -38,8 +39,9 @@ def table(measured: Measurement, scene: Particles) -> dict[str, Any]:
     if measured.errors is not None:
         for name, values in zip(measured.components, measured.errors, strict=False):
             columns[f"error {name}"] = spread(values)
-    for alpha, values in measured.moments.values.items():
-        columns[f"M({label(alpha)})"] = spread(values)
+    for i, (row, moments) in enumerate(zip(measured.rows, measured.moments_of, strict=True)):
+        for alpha, values in moments.values.items():
+            columns[f"M({label(alpha)})" + (f" of {row}" if i else "")] = spread(values)
     return columns
 
 

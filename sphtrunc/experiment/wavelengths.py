@@ -245,7 +245,7 @@ def _blocks(
         target=target,
         estimates=None,
         errors=None,
-        moments={},
+        moments=(),
         rest=None,
         moment_rest=None,
         pairs=counts[0],

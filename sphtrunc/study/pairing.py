@@ -17,7 +17,7 @@ import numpy as np
 from sphtrunc.kernels.kernel import Kernel
 from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.forces import FORCES
-from sphtrunc.study.stability import COARSE, pairing
+from sphtrunc.study.stability import pairing
 from sphtrunc.theory.dispersion.modes import Rest
 
 DENSEST = {1: "uniform", 2: "hexagonal", 3: "fcc"}
@@ -37,12 +37,8 @@ def sign_change(kernel: Kernel, dim: int) -> float | None:
 @lru_cache(maxsize=64)
 def pairing_limit(kernel: Kernel, dim: int) -> float | None:
     """The number of neighbours from which particles on the densest lattice pair, in the symmetric
-    form; None where they do not up to a thousand.
-
-    From a coarse grid of waves: to 5 % in 2D, where the mode that fails first is not at a point of
-    symmetry; narrow windows of weak instability may be passed over.
-    """
+    form, as `pairing` finds it; None where they do not up to a thousand."""
     if sign_change(kernel, dim) is None:
         return None
     rest = Rest(kernel, DENSEST[dim], Fraction(1, 2), FORCES["symmetric"], GAS)
-    return pairing(rest, divisions=COARSE[dim]).neighbours
+    return pairing(rest).neighbours

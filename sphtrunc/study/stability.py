@@ -43,6 +43,8 @@ SETTINGS = 80
 #: of the largest number of neighbours that `pairing` looks at
 MOST_NEIGHBOURS = 1000.0
 _REFINED = 1e-8  # of κ
+_NOISE = 1e-14  # of ω² in c²/h², or of the largest: what changes by less does not change
+_FAR = 8.0  # steps, to which a parabola is believed
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ def viscous_step(rest: Rest, alpha: float) -> float:
     end = 1.001 * courant(highest)["leapfrog"]
     if end == inf:
         raise ValueError("viscosity: no wave oscillates, so that none limits the time step")
-    return _root(most, 1e-3 * end, end)
+    return _root(most, (1e-3 * end, end))
 
 
 def neighbours(kernel: Kernel | Gaussian, dim: int, ratio: float) -> float:
@@ -267,23 +269,44 @@ def named(kind: str, kappa: Any) -> str | None:
 
 
 def _refine(start: Array, function: Callable[[Any], Array], kind: str) -> tuple[float, Array]:
-    """The least value near a wave: the neighbours of a point at steps that are halved when none is
-    lower. The value and κ, which is brought back into the zone."""
+    """The least value near a wave, and κ there, brought back into the zone: of the neighbours of a
+    point at a step, and of the least of the parabola through them, the lowest is next; the step is
+    up to doubled by how far that was, and divided by four where none is lower."""
     dim = len(start)
     moves = np.array(list(product((-1.0, 0.0, 1.0), repeat=dim)))
-    step = 2.0 / COARSE[dim]
-    place, value = start, inf
+    longest = step = 2.0 / COARSE[dim]
+    place, value, guess = start, inf, np.zeros((1, dim))
     while step > _REFINED:
-        near = shortest(kind, place + step * moves)
+        tried = np.concatenate([moves, guess / step])
+        near = shortest(kind, place + step * tried)
         found = function(np.where(np.abs(near).max(axis=1, keepdims=True) < LONG, place, near))
         best = int(found.argmin())
-        if found[best] < value * (1 - 1e-15 * np.sign(value)):
+        guess = step * _parabola(moves, found[: len(moves)])
+        factor = 0.25
+        if found[best] < value - _NOISE * max(1.0, float(np.abs(found).max())):
             place, value = near[best], float(found[best])
-            if not moves[best].any():
-                step /= 2
-        else:
-            step /= 2
+            guess = guess - step * tried[best]
+            factor = min(max(2.0 * float(np.abs(tried[best]).max()), 0.25), 2.0)
+        step = min(factor * step, longest)
     return value, np.abs(place)
+
+
+def _parabola(moves: Array, values: Array) -> Array:
+    """Where the parabola through the values at the 3^d `moves` is least, `_FAR` away at most,
+    (1, d); across a saddle, downhill on either side of it."""
+    dim = moves.shape[1]
+    pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
+    square = np.array([moves[:, i] * moves[:, j] for i, j in pairs]).T
+    design = np.concatenate([np.ones((len(moves), 1)), moves, square], axis=1)
+    fit = np.linalg.lstsq(design, values, rcond=None)[0]
+    bend = np.zeros((dim, dim))
+    for (i, j), c in zip(pairs, fit[1 + dim :], strict=True):
+        bend[i, j] += c
+        bend[j, i] += c
+    curvature, axes = np.linalg.eigh(bend)
+    slope = axes.T @ fit[1 : 1 + dim]
+    size = np.maximum(np.abs(curvature), np.abs(slope) / _FAR)
+    return np.asarray(-(axes @ np.divide(slope, size, out=np.zeros(dim), where=size > 0)))[None]
 
 
 # ------------------------------------------------------------------------------- many settings
@@ -306,11 +329,12 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     found: dict[str, list[Range]] = {}
     for branch in branches_of(rest.dim):
         stable = [row[branch] >= 0 for row in rows]
-        holds = partial(_holds, margins, branch)
         edges = [
-            _bisect(holds, grid_[i], grid_[i + 1])
-            for i, (before, now) in enumerate(pairwise(stable))
-            if before != now
+            _root(
+                partial(_margin, margins, branch), grid_[i : i + 2], [x[branch] for x in pair], 1e-6
+            )
+            for i, pair in enumerate(pairwise(rows))
+            if stable[i] != stable[i + 1]
         ]
         if stable[0]:
             edges = [grid_[0], *edges]
@@ -320,22 +344,13 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     return found
 
 
-def _holds(margins: Callable[[float], dict[str, float]], branch: str, ratio: float) -> bool:
-    return margins(ratio)[branch] >= 0
+def _margin(margins: Callable[[float], dict[str, float]], branch: str, ratio: float) -> float:
+    return margins(ratio)[branch]
 
 
 def _range(rest: Rest, low: float, high: float) -> Range:
     counts = tuple(neighbours(rest.kernel, rest.dim, r) for r in (high, low))
     return Range((low, high), (counts[0], counts[1]))
-
-
-def _bisect(holds: Callable[[float], bool], a: float, b: float) -> float:
-    """Where it changes between a and b, to 1e-6."""
-    first = holds(a)
-    while b - a > 1e-6 * b:
-        middle = (a + b) / 2
-        a, b = (middle, b) if holds(middle) == first else (a, middle)
-    return (a + b) / 2
 
 
 @dataclass(frozen=True)
@@ -388,8 +403,12 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
     of the zone loses its restoring force.
 
     Where S(k) = 0, as at the points of symmetry, this depends on the kernel and the lattice alone.
-    The limit is good to the digits of the sums at a point of the grid of the zone; between points
-    of the grid a mode may fail earlier by the square of their distance.
+    The limit is good to the digits of the sums at a point of the grid of the zone, which has all
+    points of symmetry; between its points modes that are part longitudinal, part a shear may fail
+    some percent earlier. Windows of neighbours that are narrower than a step, a 60th of a factor e,
+    are found where a wave of the grid dips towards them.
+
+    divisions: of the grid, as for `brillouin.grid`
 
     Raises ValueError unless p > 0, and for forms whose modes have no stiffness to lose.
     """
@@ -407,12 +426,22 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
     reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
     scan = rest.scan(grid(rest.kind, divisions), reach)
 
-    def margin(count: float) -> tuple[float, int, float]:
-        r = ratio_of(rest.kernel, rest.dim, count)
-        seen = replace(rest, ratio=Fraction(r)).frequencies(scan)
-        values = lowest(seen, LONGITUDINAL)
-        worst = int(values.argmin())
-        return float(values[worst]), worst, seen.rounding
+    def branch(count: float, waves: Scan = scan) -> tuple[Array, float]:
+        """ω² of all waves, and what rounding did to it."""
+        at = replace(rest, ratio=Fraction(ratio_of(rest.kernel, rest.dim, count)))
+        seen = at.frequencies(waves)
+        return lowest(seen, LONGITUDINAL), seen.rounding
+
+    def lowest_of(wave: int, before: float, after: float) -> tuple[float, float]:
+        """Where ω² of one wave is least between two numbers, and that."""
+        one = scan.of(scan.kappa[wave : wave + 1])
+        n = _lowest_between(lambda n: float(branch(n, one)[0][0]), before, after)
+        return n, float(branch(n, one)[0][0])
+
+    def edge(before: float, count: float) -> Pairing:
+        """Where the weakest wave fails between two numbers."""
+        n = _root(lambda n: float(branch(n)[0].min()), (before, count))
+        return found(n, int(branch(n)[0].argmin()))
 
     def found(count: float, worst: int) -> Pairing:
         kappa = scan.kappa[worst]
@@ -421,26 +450,71 @@ def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pa
         return Pairing(count, ratio, k, named(rest.kind, kappa), most)
 
     steps = [float(n) for n in np.geomspace(least, most, int(60 * np.log(most / least)) + 2)]
-    value, first, rounding = margin(steps[0])
-    never, stable = value < -rounding, value > rounding
-    for before, count in pairwise(steps):
-        value, _, rounding = margin(count)
-        if stable and value < -rounding:
-            edge = _root(lambda n: margin(n)[0], before, count)
-            return found(edge, margin(edge)[1])
-        stable = stable or value > rounding
-    return found(steps[0], first) if never and not stable else Pairing(None, None, None, None, most)
+    rows: list[Array] = []
+    stable, never = False, True
+    for i, count in enumerate(steps):
+        values, rounding = branch(count)
+        rows.append(values)
+        for wave in _dips(rows[-3:]) if stable else ():
+            n, value = lowest_of(wave, steps[i - 2], count)
+            if value < -rounding:
+                return edge(steps[i - 2], n)
+        if stable and values.min() < -rounding:
+            return edge(steps[i - 1], count)
+        stable |= bool(values.min() > rounding)
+        never &= bool(values.min() < -rounding)
+    return (
+        found(steps[0], int(rows[0].argmin())) if never else Pairing(None, None, None, None, most)
+    )
 
 
-def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    """The sign change between a and b, f(a) > 0 > f(b): secants that keep the bracket (Illinois;
-    Dowell & Jarratt 1971, doi:10.1007/BF01934364)."""
-    fa, fb = function(a), function(b)
+def _dips(rows: Sequence[Array]) -> list[int]:
+    """The waves whose least value lies between three steps and may be below zero: by the parabola
+    through them, twice as deep."""
+    if len(rows) < 3:
+        return []
+    before, here, after = rows
+    bend, slope = before - 2 * here + after, (after - before) / 2
+    dips = (here > 0) & (here <= np.minimum(before, after)) & (bend > 0)
+    depth = slope**2 / np.where(dips, 2 * bend, 1.0)
+    return [int(wave) for wave in np.flatnonzero(dips & (here < 2 * depth + bend / 8))]
+
+
+def _lowest_between(function: Callable[[float], float], a: float, b: float) -> float:
+    """Where a function with one valley is least, to 1e-6 of the interval (golden section)."""
+    part = (sqrt(5) - 1) / 2
+    width = b - a
+    c, d = b - part * (b - a), a + part * (b - a)
+    fc, fd = function(c), function(d)
+    while b - a > 1e-6 * width:
+        if fc < fd:
+            b, d, fd = d, c, fc
+            c = b - part * (b - a)
+            fc = function(c)
+        else:
+            a, c, fc = c, d, fd
+            d = a + part * (b - a)
+            fd = function(d)
+    return c if fc < fd else d
+
+
+def _root(
+    function: Callable[[float], float],
+    ends: Sequence[float],
+    values: Sequence[float] | None = None,
+    close: float = 4e-16,
+) -> float:
+    """The sign change between two ends, relative to `close`: secants that keep the bracket
+    (Illinois; Dowell & Jarratt 1971, doi:10.1007/BF01934364), every fourth time the middle.
+
+    values: those at the ends, if known
+    """
+    (a, b), (fa, fb) = ends, values or [function(x) for x in ends]
     side = 0
-    for _ in range(100):
-        if abs(b - a) <= 4e-16 * abs(b) or fa == fb:
+    for turn in range(100):
+        if abs(b - a) <= close * abs(b) or fa == fb:
             break
-        c = (fa * b - fb * a) / (fa - fb)
+        c = (a + b) / 2 if turn % 4 == 3 else (fa * b - fb * a) / (fa - fb)
         fc = function(c)
         if fc == 0:
             return c

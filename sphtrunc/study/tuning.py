@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
-from math import exp, log
+from functools import partial
+from math import exp, inf, log
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from sphtrunc.kernels.parse import kernel as parse_kernel
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.sites import DEFAULT
+from sphtrunc.theory.disorder.sampling import ENOUGH
 from sphtrunc.theory.disorder.spectral_law import predict_errors_from
 from sphtrunc.theory.disorder.structure_factor import StructureFactor
 from sphtrunc.theory.field_error import Split, predict_waves
@@ -29,6 +31,7 @@ from sphtrunc.theory.fields import Waves
 PARTS = ("smoothing", "discretisation", "disorder", "rounding")
 MOST_NEIGHBOURS = {1: 200, 2: 1000, 3: 4000}
 GRID = {1: 129, 2: 49, 3: 33}  # values of Δx/h that are looked at first: dips are narrow in 1D
+ROUGHLY = 0.03  # to which sampled errors are known where they are only compared
 LENGTHS = 25  # values of h/λ that are looked at for a wanted error
 LONGEST, SHORTEST = 0.5, 1e-5  # h/λ
 COARSEST = 0.5  # Δx/λ: a wave is not seen by less than two particles
@@ -57,8 +60,10 @@ class Problem:
         if not 0 <= self.sigma <= 1:
             raise ValueError(f"jitter: got {self.sigma:g}, expected σ/Δx from 0 to 1")
 
-    def predict(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split]:
-        """The predicted error at Δx/h = r for every h/λ.
+    def predict(
+        self, kernel: Kernel, r: float, lengths: Sequence[float], enough: float = ENOUGH
+    ) -> list[Split]:
+        """The predicted error at Δx/h = r for every h/λ; where it is sampled, good to `enough`.
 
         Raises ValueError where there is none.
         """
@@ -67,7 +72,7 @@ class Problem:
             return predict_errors_from(
                 kernel, self.operator, self.disorder, r, waves, at="particles"
             )
-        return predict_waves(kernel, self.operator, self.scene(r), lengths)
+        return predict_waves(kernel, self.operator, self.scene(r), lengths, enough=enough)
 
     def scene(self, r: float) -> Arrangement:
         """The displaced lattice at Δx/h = r."""
@@ -78,10 +83,12 @@ class Problem:
             distribution=self.distribution,
         )
 
-    def split(self, kernel: Kernel, r: float, lengths: Sequence[float]) -> list[Split] | None:
+    def split(
+        self, kernel: Kernel, r: float, lengths: Sequence[float], enough: float = ENOUGH
+    ) -> list[Split] | None:
         """The same, None where a correction is singular or no neighbour is left."""
         try:
-            return self.predict(kernel, r, lengths)
+            return self.predict(kernel, r, lengths, enough)
         except ValueError:
             return None
 
@@ -133,36 +140,39 @@ def _neighbours(problem: Problem, kernel: Kernel, r: float) -> float:
 # ------------------------------------------------------------------------------- the best setting
 
 
-def best_at_particles(problem: Problem, kernel: Kernel | str, particles: float) -> Setting:
-    """The least error with λ/Δx given: the best number of neighbours for the particles there are.
+def best_at_particles(
+    problem: Problem, kernel: Kernel | str, particles: float, most: float = inf
+) -> Setting:
+    """The least error with λ/Δx given: the best number of neighbours for the particles there are,
+    `most` at most.
 
     Raises ValueError where there is none within h/λ from 1e-5 to 0.5.
     """
     shape = parse_kernel(kernel)
     if not particles > 0:
         raise ValueError(f"particles: got {particles:g}, expected a positive number λ/Δx")
-    return _least(problem, shape, lambda r: 1 / (particles * r), _grid(problem, shape))
+    return _least(problem, shape, lambda r: 1 / (particles * r), _grid(problem, shape, most))
 
 
-def best_at_cost(problem: Problem, kernel: Kernel | str, cost: float) -> Setting:
-    """The least error with the number of pairs in a volume λ^d given.
+def best_at_cost(problem: Problem, kernel: Kernel | str, cost: float, most: float = inf) -> Setting:
+    """The least error with the number of pairs in a volume λ^d given, with `most` neighbours at
+    most.
 
     Raises ValueError where there is none within h/λ from 1e-5 to 0.5.
     """
     shape = parse_kernel(kernel)
     if not cost > 0:
         raise ValueError(f"cost: got {cost:g}, expected a positive number of pairs")
-    return _at_cost(problem, shape, cost, _grid(problem, shape))
-
-
-def _at_cost(problem: Problem, kernel: Kernel, cost: float, grid: Sequence[float]) -> Setting:
     dim = problem.dim
-    factor = float(BALL[dim]) ** (1 / dim) * float(kernel.support) / cost ** (1 / dim)
-    return _least(problem, kernel, lambda r: factor / r**2, grid)
+    factor = float(BALL[dim]) ** (1 / dim) * float(shape.support) / cost ** (1 / dim)
+    return _least(problem, shape, lambda r: factor / r**2, _grid(problem, shape, most))
 
 
-def best_at_error(problem: Problem, kernel: Kernel | str, error: float) -> Setting:
-    """The least cost with which the error at λ is not larger than wanted.
+def best_at_error(
+    problem: Problem, kernel: Kernel | str, error: float, most: float = inf
+) -> Setting:
+    """The least cost with which the error at λ is not larger than wanted, with `most` neighbours at
+    most.
 
     Raises ValueError where no setting within h/λ from 1e-5 to 0.5 reaches it.
     """
@@ -170,56 +180,66 @@ def best_at_error(problem: Problem, kernel: Kernel | str, error: float) -> Setti
     if not 0 < error < 1:
         raise ValueError(f"error: got {error:g}, expected a relative error between 0 and 1")
 
-    def cost(logarithm: float) -> float:
-        x = _longest(problem, shape, exp(logarithm), error)
-        return float("inf") if x is None else -log(x) - 2 * logarithm
+    def cost(logarithm: float, enough: float = ENOUGH) -> float:
+        x = _longest(problem, shape, exp(logarithm), error, enough)
+        return inf if x is None else -log(x) - 2 * logarithm
 
-    logarithm = _minimum(cost, _grid(problem, shape))
-    x = _longest(problem, shape, exp(logarithm), error)
+    grid = _grid(problem, shape, most)
+    logarithm = _minimum(cost, grid, partial(cost, enough=ROUGHLY))
+    x = _longest(problem, shape, exp(logarithm), error, ENOUGH)
     if x is None:
         raise ValueError(
             f"error: {error:g} is not reached by {shape.name} with at most"
-            f" {MOST_NEIGHBOURS[problem.dim]} neighbours; expected a larger error, less disorder,"
-            " or a form of higher consistency"
+            f" {_neighbours(problem, shape, exp(grid[0])):.4g} neighbours; expected a larger error,"
+            f" less disorder, {'another kernel, ' * (most < MOST_NEIGHBOURS[problem.dim])}or a form"
+            " of higher consistency"
         )
     return setting(problem, shape, exp(logarithm), x)
 
 
-def _longest(problem: Problem, kernel: Kernel, r: float, error: float) -> float | None:
+def _longest(
+    problem: Problem, kernel: Kernel, r: float, error: float, enough: float
+) -> float | None:
     """The largest h/λ at which the error is not larger than wanted, to 0.2 %; None if there is none
-    between the limits."""
+    between the limits. Where errors are rough, the last step is that of a power law."""
     lengths = np.geomspace(SHORTEST, min(LONGEST, COARSEST / r), LENGTHS)
     while True:
-        splits = problem.split(kernel, r, [float(x) for x in lengths])
+        splits = problem.split(kernel, r, [float(x) for x in lengths], enough)
         fit = [i for i, s in enumerate(splits or ()) if s.total <= error]
         if not fit:
             return None
-        if fit[-1] + 1 == len(lengths) or lengths[1] < 1.002 * lengths[0]:
-            return float(lengths[fit[-1]])
-        lengths = np.geomspace(lengths[fit[-1]], lengths[fit[-1] + 1], 5)
+        last = fit[-1]
+        if last + 1 == len(lengths) or lengths[1] < 1.002 * lengths[0]:
+            return float(lengths[last])
+        ends = lengths[last : last + 2]
+        if enough > ENOUGH and lengths[1] < 1.2 * lengths[0]:
+            below, above = (log(s.total) for s in (splits or ())[last : last + 2])
+            return float(ends[0] * (ends[1] / ends[0]) ** ((log(error) - below) / (above - below)))
+        lengths = np.geomspace(ends[0], ends[1], 5)
 
 
 def _least(
     problem: Problem, kernel: Kernel, x: Callable[[float], float], grid: Sequence[float]
 ) -> Setting:
-    def error(logarithm: float) -> float:
+    def error(logarithm: float, enough: float = ENOUGH) -> float:
         r = exp(logarithm)
         if not SHORTEST <= x(r) <= min(LONGEST, COARSEST / r * (1 + 1e-9)):
-            return float("inf")
-        splits = problem.split(kernel, r, [x(r)])
-        return float("inf") if splits is None else splits[0].total
+            return inf
+        splits = problem.split(kernel, r, [x(r)], enough)
+        return inf if splits is None else splits[0].total
 
-    r = exp(_minimum(error, grid))
-    if error(log(r)) == float("inf"):
+    r = exp(_minimum(error, grid, partial(error, enough=ROUGHLY)))
+    if error(log(r)) == inf:
         raise ValueError(
-            f"tune: no setting of {kernel.name} with at most {MOST_NEIGHBOURS[problem.dim]}"
-            f" neighbours has h/λ between {SHORTEST:g} and {LONGEST:g} and two particles per"
-            " wavelength; expected another number of particles or pairs"
+            f"tune: no setting of {kernel.name} with at most"
+            f" {_neighbours(problem, kernel, exp(grid[0])):.4g} neighbours has h/λ between"
+            f" {SHORTEST:g} and {LONGEST:g} and two particles per wavelength; expected another"
+            " number of particles or pairs"
         )
     return setting(problem, kernel, r, x(r))
 
 
-def _grid(problem: Problem, kernel: Kernel) -> list[float]:
+def _grid(problem: Problem, kernel: Kernel, most: float) -> list[float]:
     """Logarithms of Δx/h from the most neighbours to hardly any.
 
     Raises ValueError where there is no prediction even with many neighbours.
@@ -227,13 +247,20 @@ def _grid(problem: Problem, kernel: Kernel) -> list[float]:
     problem.predict(kernel, float(kernel.support) / 6, [0.05])
     dim = problem.dim
     kappa = float(kernel.support)
-    least = kappa * (float(BALL[dim]) / MOST_NEIGHBOURS[dim]) ** (1 / dim)
+    least = kappa * (float(BALL[dim]) / min(most, MOST_NEIGHBOURS[dim])) ** (1 / dim)
     return [float(v) for v in np.linspace(log(least), log(0.95 * kappa), GRID[dim])]
 
 
-def _minimum(function: Callable[[float], float], grid: Sequence[float]) -> float:
-    """Where the function is least: on the grid, then on finer ones around its lowest valleys."""
-    values = [float("inf"), *(function(v) for v in grid), float("inf")]
+def _minimum(
+    function: Callable[[float], float],
+    grid: Sequence[float],
+    roughly: Callable[[float], float] | None = None,
+) -> float:
+    """Where the function is least: on the grid, then on finer ones around its lowest valleys.
+
+    roughly: the function as it may be taken on the grid, if that is cheaper
+    """
+    values = [inf, *((roughly or function)(v) for v in grid), inf]
     valleys = [
         (values[i], grid[i - 1])
         for i in range(1, len(grid) + 1)
@@ -241,6 +268,7 @@ def _minimum(function: Callable[[float], float], grid: Sequence[float]) -> float
     ]
     found = []
     for value, place in sorted(valleys)[:2]:
+        value = function(place) if roughly else value
         step = (grid[1] - grid[0]) / 2
         for _ in range(5):
             near = [(value, place)]

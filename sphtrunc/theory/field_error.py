@@ -26,7 +26,7 @@ from sphtrunc.arithmetic.summation import UNIT, depth
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.disorder.averages import Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours
-from sphtrunc.theory.disorder.sampling import displaced
+from sphtrunc.theory.disorder.sampling import ENOUGH, displaced
 from sphtrunc.theory.fields import Signals, Waves
 from sphtrunc.theory.walls.moments import cut_number, require
 
@@ -68,6 +68,7 @@ def predict_waves(
     *,
     direction: Sequence[float] | None = None,
     precision: str = "plain",
+    enough: float = ENOUGH,
 ) -> list[Split]:
     """The error for sinusoids along `direction` (default: the first axis), one Split for every h/λ.
 
@@ -75,7 +76,7 @@ def predict_waves(
     """
     along = np.array(direction or (1.0,) + (0.0,) * (scene.dim - 1))
     waves = Waves(2 * pi * np.asarray(h_over_lambda, float), along / np.linalg.norm(along))
-    return predict_fields(kernel, operator, scene, waves, precision=precision)
+    return predict_fields(kernel, operator, scene, waves, precision=precision, enough=enough)
 
 
 def predict_fields(
@@ -85,11 +86,13 @@ def predict_fields(
     signals: Signals,
     *,
     precision: str = "plain",
+    enough: float = ENOUGH,
     slope: Slope | None = None,
 ) -> list[Split]:
     """The error for each of K signals.
 
     precision: in which the sums are evaluated, as for `measure`
+    enough: relative, to which an rms over sampled displacements has to be known
     slope: how h changes from particle to particle, which carry theirs along
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
@@ -135,7 +138,7 @@ def predict_fields(
             mean, variance = particles.scattered(operator, signals)
             mean = mean - exact
         else:
-            spread = displaced(kernel, operator, scene, signals, still)
+            spread = displaced(kernel, operator, scene, signals, still, enough=enough)
             mean = still + spread.shift
             variance = np.maximum(spread.second - spread.shift**2, 0.0)
             known = spread.known_to

@@ -99,8 +99,10 @@ def test_coincident_particles_have_to_be_allowed(run):
     out, err, status = run("--particles", "a.csv", "--period", "1", "--volume", "cell")
     assert (out, status) == ("", 2)
     assert "1 of 11 are where another one is, modulo the period; the first are 0 and 10" in err
-    _, _, status = run("--particles", "a.csv", "--period", "1", "--allow-duplicates")
+    _, err, status = run("--particles", "a.csv", "--period", "1", "--allow-duplicates")
     assert status == 0
+    assert "warning: particles: 1 of 11 are where another one is, modulo the period" in err
+    assert "the first are 0 and 10" in err
 
 
 def test_a_slab_is_periodic_along_some_axes(run):
@@ -190,3 +192,71 @@ def test_a_small_unit_changes_no_figure(run):
     data = [json.loads(run("--particles", f"{name}.npz", "--format", "json")[0]) for name in "ab"]
     for alpha, row in data[0]["moments"].items():
         assert data[1]["moments"][alpha]["mean"] == pytest.approx(row["mean"], rel=1e-12, abs=1e-14)
+
+
+def every_moment(x, h, mass, density, form: str, component: str, alpha: tuple[int, int]):
+    """M_α of one component at every particle of an open plane, pair by pair: Wendland's C2 in 2D,
+    7/(4π) (1 − q/2)⁴ (1 + 2q), with volumes m/ρ."""
+    s = (x[None, :, :] - x[:, None, :]) / h  # from a to b
+    q = np.sqrt((s**2).sum(axis=2))
+    volume = mass / density / h**2
+    weight = 7 / (4 * np.pi) * 5 * np.clip(1 - q / 2, 0, None) ** 3 * volume[None, :]
+    axis = dict(zip("xy", np.moveaxis(weight[:, :, None] * s, 2, 0), strict=True))  # −V ∂W
+    field = s[:, :, 0] ** alpha[0] * s[:, :, 1] ** alpha[1]  # of a at c
+    ratio = density[:, None] / density[None, :]
+    if form == "standard":
+        return (axis[component] * field).sum(axis=1)
+    if form == "symmetric":
+        own = float(not any(alpha))
+        return (axis[component] * (field * ratio + own / ratio)).sum(axis=1)
+    outer, inner = (axis[name] for name in component)
+    rows = []
+    for a in range(len(x)):
+        slope = (inner * (field[a][None, :] - field[a][:, None])).sum(axis=1)  # at every b
+        rows.append((outer[a] * (slope - slope[a])).sum())
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("operator", "form", "components"),
+    [
+        ("gradient", "standard", ("x", "y")),
+        ("divergence", "symmetric", ("x", "y")),
+        ("gradient", "symmetric", ("x", "y")),
+        ("hessian", "nested", ("xx", "xy", "yy")),
+    ],
+)
+def test_every_component_has_moments(operator, form, components, run):
+    random = np.random.default_rng(7)
+    x = cells(5, 2) + random.uniform(-0.04, 0.04, (25, 2))
+    mass, density = random.uniform(0.03, 0.05, 25), random.uniform(0.8, 1.2, 25)
+    rows = zip(*x.T, mass, density, strict=True)
+    text = "\n".join(",".join(map(repr, map(float, row))) for row in rows)
+    Path("a.csv").write_text(f"x,y,mass,density\n{text}\n", encoding="utf-8")
+    options = ("--particles", "a.csv", "--h", "0.3", "--operator", operator, "--form", form)
+    out, _, _ = run(*options, "--moments", "2", "--format", "json")
+    data = json.loads(out)
+    assert tuple(data["moments_of"]) == components
+    assert data["moments_of"][components[0]] == data["moments"]
+    run(*options, "--moments", "2", "-o", "each.npz")
+    each = np.load("each.npz")
+    for i, component in enumerate(components):
+        for alpha in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)):
+            expected = every_moment(x, 0.3, mass, density, form, component, alpha)
+            name = f"M({alpha[0]},{alpha[1]})" + (f" of {component}" if i else "")
+            assert each[name] == pytest.approx(expected, rel=1e-12, abs=1e-13)
+            row = data["moments_of"][component][f"{alpha[0]},{alpha[1]}"]
+            assert row["mean"] == pytest.approx(expected.mean(), rel=1e-12, abs=1e-13)
+            assert row["p50"] == pytest.approx(np.median(expected), rel=1e-12, abs=1e-13)
+            assert row["p1"] <= row["p50"] <= row["p99"]
+
+
+def test_the_components_of_a_table_are_named(run):
+    np.savez("a.npz", x=cells(6, 2)[:, 0], y=cells(6, 2)[:, 1], h=0.3)
+    out, _, _ = run("--particles", "a.npz", "--moments", "1")
+    assert "Discrete moments of x" in out
+    assert "Discrete moments of y" in out
+    assert out.count("median") == 2
+    table, _, _ = run("--particles", "a.npz", "--moments", "1", "--format", "csv")
+    names = [row[0] for row in csv.reader(table.splitlines())]
+    assert {"moment 1 0", "moment of y 0 1"} < set(names)

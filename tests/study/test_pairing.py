@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 
 import mpmath
@@ -13,7 +14,7 @@ from sphtrunc.cli import main
 from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.forces import FORCES
 from sphtrunc.study.pairing import DENSEST, GAS, pairing_limit, sign_change
-from sphtrunc.study.stability import COARSE, pairing
+from sphtrunc.study.stability import COARSE, pairing, ratio_of
 from sphtrunc.theory.dispersion.modes import Rest
 
 WENDLAND = ("wendland-c2", "wendland-c4", "wendland-c6")
@@ -73,22 +74,41 @@ def test_a_sign_is_what_decides_whether_there_is_a_limit(name, dim):
     """The modes of the lattice themselves, looked at for every kernel."""
     shape = kernel(name)
     rest = Rest(shape, DENSEST[dim], Fraction(1, 2), FORCES["symmetric"], GAS)
-    limit = pairing(rest, divisions=COARSE[dim]).neighbours
+    limit = pairing(rest).neighbours
     assert (limit is not None) == (sign_change(shape, dim) is not None)
     assert pairing_limit(shape, dim) == limit
 
 
-def test_a_recommended_setting_that_pairs_is_said_to(capsys):
-    """M4 in 3D with 1775 neighbours: nearest neighbours are where W″ < 0."""
+def test_no_setting_is_recommended_that_pairs(capsys):
+    """M4 in 3D, where 1775 neighbours would have the least error: fewer than 64.1156512426, from
+    which its longitudinal mode at W has no restoring force."""
     common = ("--kernel", "cubic-spline", "--dim", "3", "--jitter", "0.1", "--particles", "2e5")
     text = " ".join(run(capsys, *common).split())
-    assert "Warning: with 1775 neighbours particles pair in a fluid under pressure." in text
+    assert "64.1 neighbours (particles pair from 64.1 on)" in text
+    assert "No more are recommended" in text
     assert "transform of cubic-spline changes sign in 3D, and holds them apart up to 64.1" in text
     assert "compare --kernel wendland-c2" in text
-    document = json.loads(run(capsys, *common, "--format", "json"))
+    document = json.loads(run(capsys, *common, "--now", "neighbours=100", "--format", "json"))
     (row,) = document["recommended"]
-    assert row["pairs"] is True
-    assert row["dx_over_h"] < 2 / 3  # w = 1 − (3/2) q² + (3/4) q³ has its inflection at 2/3
+    assert row["pairing_limit"] == pytest.approx(64.1156512426, abs=1e-9)
+    assert 64.1 < row["neighbours"] < row["pairing_limit"]
+    assert row["pairs"] is False
+    assert document["now"]["pairs"] is True
+    assert document["loss"]["error"] < 1  # what pairs would have less
+
+
+def test_a_wanted_error_is_reached_without_pairing_or_not_at_all(capsys):
+    common = ("--kernel", "cubic-spline", "--dim", "2", "--jitter", "0.1")
+    with pytest.raises(SystemExit) as stop:
+        main(["tune", *common, "--error", "0.1"])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert "not reached by cubic-spline with at most 21.77 neighbours" in said
+    assert "another kernel" in said
+    corrected = (*common, "--form", "difference", "--error", "0.1", "--format", "json")
+    (row,) = json.loads(run(capsys, *corrected))["recommended"]
+    assert row["neighbours"] < row["pairing_limit"]
+    assert 0.09 < row["error"]["total"] <= 0.1
 
 
 def test_a_kernel_without_limit_is_preferred(capsys):
@@ -97,9 +117,22 @@ def test_a_kernel_without_limit_is_preferred(capsys):
     document = json.loads(run(capsys, *common, *kernels, "--format", "json"))
     first, second = document["recommended"]
     assert (first["kernel"], first["pairs"], first["pairing_limit"]) == ("wendland-c2", False, None)
-    assert (second["kernel"], second["pairs"]) == ("cubic-spline", True)
-    assert second["error"]["total"] < first["error"]["total"]
-    text = " ".join(run(capsys, *common, *kernels).split())
-    assert "Take wendland-c2 with h" in text
-    assert "cubic-spline is not preferred, though its error is less: with 64 neighbours" in text
-    assert "Warning" not in text
+    assert (second["kernel"], second["pairs"]) == ("cubic-spline", False)
+    assert second["neighbours"] < second["pairing_limit"] < first["neighbours"]
+    assert "Take wendland-c2 with h" in run(capsys, *common, *kernels)
+
+
+def test_a_narrow_window_between_the_waves_of_a_coarser_grid_is_found():
+    """M7 on fcc pairs from 384.4 neighbours at a wave near W: at 384.5 a longitudinal mode of 50
+    digits has ω² < 0, at 384.3 none of the waves around does."""
+    limit = pairing_limit(kernel("b-spline:7"), 3)
+    assert limit is not None
+    rest = Rest(kernel("b-spline:7"), "fcc", Fraction(1, 2), FORCES["symmetric"], GAS)
+    found = pairing(rest)
+    assert found.neighbours == limit
+    assert pairing(rest, divisions=COARSE[3]).neighbours > 2 * limit
+    kappa = (Fraction(11, 12), Fraction(7, 12), Fraction(0))
+    for count, fails in ((0.9999 * limit, False), (1.0001 * limit, True)):
+        at = replace(rest, ratio=Fraction(ratio_of(rest.kernel, 3, count)))
+        along = [m for m in at.modes(kappa, exact=False) if m.branch == "longitudinal"]
+        assert (along[0].omega2 < 0) == fails

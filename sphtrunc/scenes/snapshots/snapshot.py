@@ -77,6 +77,17 @@ class Snapshot:
             )
         return float(np.prod(self.period)) / self.count
 
+    def duplicates(self) -> str | None:
+        """How many particles coincide, and the first two that do; None where none do."""
+        number, first = coincident(self.x, self.period)
+        if first is None:
+            return None
+        return (
+            f"particles: {number} of {self.count} are where another one is"
+            f"{'' if self.period is None else ', modulo the period'}; the first are"
+            f" {first[0]} and {first[1]}, counted from 0"
+        )
+
     def particles(
         self,
         *,
@@ -99,15 +110,9 @@ class Snapshot:
                 "h: the file has no smoothing length; expected --h H, or --columns h=NAME if it"
                 " has one by another name"
             )
-        number, first = coincident(self.x, self.period)
-        if number and not allow_duplicates:
-            assert first is not None
-            raise ValueError(
-                f"particles: {number} of {self.count} are where another one is"
-                f"{'' if self.period is None else ', modulo the period'}; the first are"
-                f" {first[0]} and {first[1]}, counted from 0; remove them, or say"
-                " --allow-duplicates"
-            )
+        duplicates = None if allow_duplicates else self.duplicates()
+        if duplicates is not None:
+            raise ValueError(f"{duplicates}; remove them, or say --allow-duplicates")
         given: dict[str, Any] = {}
         known = self.fields
         if volume is not None:

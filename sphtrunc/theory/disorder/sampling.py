@@ -67,11 +67,12 @@ def displaced(
     signals: Signals,
     still: Array | float,
     axis: int | None = None,
+    enough: float = ENOUGH,
 ) -> Spread:
     """What the displacements of a scene do to every signal, component and part.
 
     still: E₀ − exact on the lattice, (K, C, F), for what the mean of (E − exact)² is good to
-    axis: the only component that is looked at
+    axis: the only component that is looked at; enough: relative, to which an rms has to be known
 
     Raises ValueError where the correction is singular at all displacements.
     """
@@ -110,7 +111,7 @@ def displaced(
             )
         found = _averaged(c, t, linear, first, still)
         whole = (still**2 + 2.0 * still * found.shift + found.second).sum(axis=(1, 2))
-        if (found.known_to <= 2.0 * ENOUGH * whole + rounded).all():
+        if (found.known_to <= 2.0 * enough * whole + rounded).all():
             break
     return replace(
         found,

@@ -28,6 +28,7 @@ Kappa = tuple[Fraction, ...]
 
 #: divisions of each primitive reciprocal vector in a scan: all named points are among them
 DIVISIONS = {1: 360, 2: 48, 3: 24}
+_HEXAGONAL = ("hexagonal", "hcp")
 
 _THIRD, _HALF, _QUARTER = Fraction(1, 3), Fraction(1, 2), Fraction(1, 4)
 
@@ -109,8 +110,8 @@ def inside(kind: str, kappa: Sequence[Fraction]) -> bool:
 
 @lru_cache(maxsize=32)
 def grid(kind: str, divisions: int = 0) -> Array:
-    """κ of a grid over the zone without k = 0, (K, d): one wave of those that mirrors and, on the
-    square and the cubic lattices, exchanges of axes make equal."""
+    """κ of a grid over the zone without k = 0, (K, d): one wave of those that mirrors, exchanges of
+    axes on the square and the cubic lattices and turns by π/3 on hexagonal planes make equal."""
     import numpy as np
 
     dim = KINDS[kind].dim
@@ -120,9 +121,21 @@ def grid(kind: str, divisions: int = 0) -> Array:
     points = np.abs(shortest(kind, steps @ b))
     if len(set(KINDS[kind].units)) == 1:
         points = np.sort(points, axis=1)[:, ::-1]
+    if kind in _HEXAGONAL:
+        points[:, :2] = _first_twelfth(points[:, :2] * scale(kind)[:2]) / scale(kind)[:2]
     # 3·1e6 keeps thirds apart from what rounding makes of them
     found = np.unique(np.rint(points * 3e6), axis=0) / 3e6
     return np.ascontiguousarray(found)
+
+
+def _first_twelfth(k: Array) -> Array:
+    """Wavevectors of a hexagonal plane in the first quadrant, (K, 2), turned and mirrored into the
+    sector of π/6 from the first axis on."""
+    import numpy as np
+
+    size, angle = np.hypot(k[:, 0], k[:, 1]), np.arctan2(k[:, 1], k[:, 0])
+    angle = np.abs(angle - pi / 3 * np.rint(angle / (pi / 3)))
+    return np.stack([size * np.cos(angle), size * np.sin(angle)], axis=1)
 
 
 def directions(kind: str) -> Array:
@@ -164,5 +177,5 @@ def _short(kind: str, kappa: Kappa) -> Kappa:
         size = sum((c * c * s for c, s in zip(k, squares, strict=True)), Fraction(0))
         return size, sum(c < 0 for c in k), tuple(-c for c in k)
 
-    same = (_moved(kappa, picks, b) for picks in product(range(-2, 3), repeat=len(b)))
+    same = (_moved(kappa, picks, b) for picks in product((-1, 0, 1), repeat=len(b)))
     return min(same, key=length)

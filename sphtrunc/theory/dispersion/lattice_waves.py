@@ -17,7 +17,7 @@ waves.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from math import lcm
@@ -46,6 +46,9 @@ MOST_NEIGHBOURS = 20_000
 #: the power of kh up to which long waves are expanded
 DEGREE = 6
 
+#: what a `LatticeWaves` has made of its neighbours alone
+_OF_NO_WAVE = ("squares", "gradient", "hessian")
+
 _ring, _z = ring("z", QQ)
 
 
@@ -68,7 +71,8 @@ class LatticeWaves:
     offsets: (M, d) of the neighbours of a particle, without itself, in h
     f0, f1, f2: (M,), the radial factors Ŵ, Ŵ′/q and (Ŵ″ − Ŵ′/q)/q²; home: Ŵ(0); with or without
         σ_d, which then is in `volume`, V/h^d
-    sine, versine: (…, M); other: (M,), on the other sublattice, None where there is only one
+    sine, versine: (…, M), None where there is no wave yet
+    other: (M,), on the other sublattice, None where there is only one
     count: 2 where one of each pair of neighbours at ±r is left out
     exact: whether the numbers are polynomials over ℚ
     """
@@ -79,11 +83,17 @@ class LatticeWaves:
     f2: Any
     home: Any
     volume: Any
-    sine: Any
-    versine: Any
+    sine: Any = None
+    versine: Any = None
     other: Any = None
     count: int = 1
     exact: bool = False
+
+    def under(self, sine: Any, versine: Any) -> LatticeWaves:
+        """The same lattice under other waves; the derivatives of the kernel are not made again."""
+        waves = replace(self, sine=sine, versine=versine)
+        waves.__dict__.update({name: getattr(self, name) for name in _OF_NO_WAVE})
+        return waves
 
     @property
     def dim(self) -> int:
@@ -205,6 +215,8 @@ class Scan:
     def __init__(self, kind: str, kappa: Any, reach: float, staggered: bool = False) -> None:
         self.kind, self.staggered, self.reach = kind, staggered, reach
         self.kappa = np.asarray(kappa, dtype=float)
+        #: the last Δx/h, and the lattice at it, which other waves share
+        self._last: list[tuple[Any, LatticeWaves]] = []
         m, self.r, self.other = _around(kind, reach, staggered)
         self.distance = np.sqrt((self.r**2).sum(axis=1))
         turns = self.kappa @ m  # in half turns
@@ -217,7 +229,9 @@ class Scan:
 
     def of(self, kappa: Any) -> Scan:
         """Other waves on the same particles."""
-        return Scan(self.kind, kappa, self.reach, self.staggered)
+        other = Scan(self.kind, kappa, self.reach, self.staggered)
+        other._last = self._last
+        return other
 
     @property
     def k(self) -> Any:
@@ -234,6 +248,15 @@ class Scan:
 
         Raises ValueError where the kernel reaches no neighbour.
         """
+        given = (kernel, ratio, volume)
+        if not self._last or self._last[0][0] != given:
+            self._last[:] = [(given, self._still(*given))]
+        still = self._last[0][1]
+        n = len(still.offsets)
+        return still.under(self.sine[:, :n], self.versine[:, :n])
+
+    def _still(self, kernel: Kernel | Gaussian, ratio: float, volume: str) -> LatticeWaves:
+        """The lattice without a wave."""
         dim = self.r.shape[1]
         n = int(np.searchsorted(self.distance, float(kernel.support) / ratio * (1 + 1e-15)))
         if n == 0:
@@ -250,8 +273,6 @@ class Scan:
             f2=f2,
             home=home,
             volume=1 / density if volume == "summation" and not self.staggered else ratio**dim,
-            sine=self.sine[:, :n],
-            versine=self.versine[:, :n],
             other=None if self.other is None else self.other[:n],
             count=pair,
         )
@@ -403,55 +424,74 @@ def _one(
     exact: bool,
     staggered: bool,
 ) -> LatticeWaves | None:
-    dim = KINDS[kind].dim
-    ctx = real_context()
-    shift = Fraction(1, 2) if staggered else Fraction(0)
-    shells = _shells(Arrangement(kind, ratio, (shift,) * dim), fraction(kernel.support))
-    if shells.x.shape[1] == 0 or all(q2 >= fraction(kernel.support) ** 2 for q2 in shells.squares):
-        raise ValueError(_no_neighbours(str(ratio), kernel))
-    radial = {}
-    for k in (VALUE, SLOPE, CURVATURE):
-        values = _radial(kernel, k, shells.squares, exact, dim)
-        if values is None:
-            return None
-        radial[k] = [phases.number(v) if exact else v for v in values]
-    counts = np.diff([*shells.starts, shells.x.shape[1]])
-    per_point = {
-        k: np.repeat(np.array(values, dtype=object), counts) for k, values in radial.items()
-    }
-    m = [[int(c) for c in row] for row in shells.x.T]
-    if staggered:
-        volume = "constant"
-    step = [phases.number(u * ratio) for u in shells.step]
-    s = np.array([[c * u for c, u in zip(row, step, strict=True)] for row in m], dtype=object)
-    bottom = 2 if staggered else 1  # `step` is the unit over it
+    found = _still(kernel, kind, ratio, volume, exact, staggered)
+    if found is None:
+        return None
+    m, still = found
+    bottom = 2 if staggered else 1  # the unit of m
     along = [sum(c * n for c, n in zip(kappa, row, strict=True)) / bottom for row in m]
     versines = [phases.versine(t) for t in along]
     if staggered:  # 1 − cos(kΔx/2) cos k·r
         half = phases.cosine(kappa[0] / 2)
         versines = [1 - half * (1 - v) for v in versines]
+    sines = [phases.sine(t) for t in along]
+    return still.under(np.array(sines, dtype=object), np.array(versines, dtype=object))
+
+
+@lru_cache(maxsize=8)
+def _still(
+    kernel: Kernel | Gaussian, kind: str, ratio: Fraction, volume: str, exact: bool, staggered: bool
+) -> tuple[list[list[int]], LatticeWaves] | None:
+    """The lattice without a wave in numbers of many digits, and its integer points; None where
+    exact ones are wanted and there are none. Digits are many: of two neighbours at ±r one, where
+    both are alike."""
+    dim = KINDS[kind].dim
+    ctx = real_context()
+    number = _rational if exact else _digits(ctx).number
+    shift = Fraction(1, 2) if staggered else Fraction(0)
+    shells = _shells(Arrangement(kind, ratio, (shift,) * dim), fraction(kernel.support))
+    if shells.x.shape[1] == 0 or all(q2 >= fraction(kernel.support) ** 2 for q2 in shells.squares):
+        raise ValueError(_no_neighbours(str(ratio), kernel))
+    shell_of = np.repeat(
+        np.arange(len(shells.starts)), np.diff([*shells.starts, shells.x.shape[1]])
+    )
+    m = [[int(c) for c in row] for row in shells.x.T]
+    rule = KINDS[kind].turned
+    paired = rule is None and not exact
+    rows = list(range(len(m)))
+    if paired:
+        rows = [i for i in rows if next(c for c in m[i] if c) > 0]
+    per_point = {}
+    for k in (VALUE, SLOPE, CURVATURE):
+        values = _radial(kernel, k, shells.squares, exact, dim)
+        if values is None:
+            return None
+        numbers = [number(v) if exact else v for v in values]
+        per_point[k] = np.array([numbers[shell_of[i]] for i in rows], dtype=object)
+    m = [m[i] for i in rows]
+    step = [number(u * ratio) for u in shells.step]
+    s = np.array([[c * u for c, u in zip(row, step, strict=True)] for row in m], dtype=object)
+    count = 2 if paired else 1
     if isinstance(kernel, Kernel):
-        home = phases.number(fraction(kernel.central()))
+        home = number(fraction(kernel.central()))
     else:
         home = kernel.radial_mp(ctx, VALUE, ctx.zero, dim)
-    if volume == "summation":
-        density = home + per_point[VALUE].sum()
-        cell = 1 / density
+    if volume == "summation" and not staggered:
+        cell = 1 / (home + count * per_point[VALUE].sum())
     else:
         sigma = kernel.normalisation(dim)
-        cell = phases.number(ratio**dim) * (
-            phases.number(fraction(sigma)) if exact else ctx.mpf(str(sigma.evalf(60)))
+        cell = number(ratio**dim) * (
+            number(fraction(sigma)) if exact else ctx.mpf(str(sigma.evalf(60)))
         )
-    rule = KINDS[kind].turned
-    return LatticeWaves(
+    still = LatticeWaves(
         offsets=s,
         f0=per_point[VALUE],
         f1=per_point[SLOPE],
         f2=per_point[CURVATURE],
         home=home,
         volume=cell,
-        sine=np.array([phases.sine(t) for t in along], dtype=object),
-        versine=np.array(versines, dtype=object),
         other=None if rule is None else np.asarray(rule(np.array(m).T)),
+        count=count,
         exact=exact,
     )
+    return m, still

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 LONGITUDINAL, TRANSVERSE = "longitudinal", "transverse"
 VOLUMES = ("summation", "constant", "corrected")
+_EQUAL = 1e-6  # of the largest entry: eigenvalues that a tilt by 1e-9 of it may have to tell apart
 
 
 @dataclass(frozen=True)
@@ -274,23 +275,31 @@ def _eigen(matrix: Any, direction: Array) -> tuple[Any, Any]:
     """Eigenvalues, (K, nd) increasing, and which are longitudinal: the one (of every particle in
     the cell) that moves most along k. Where branches meet, what can be is taken along k."""
     d = direction.shape[1]
-    values = eigenvalues(matrix)
     if d == 1:
+        values = eigenvalues(matrix)
         return values, np.ones(values.shape, dtype=bool)
     cells = matrix.shape[-1] // d
     size = np.abs(matrix).max(axis=(-1, -2))
     push = np.tile(direction, cells)  # tells equal eigenvalues apart
-    tilted = matrix + 1e-9 * size[:, None, None] * push[:, :, None] * push[:, None, :]
     if _hermitian(matrix, size.max()):
-        _, vectors = np.linalg.eigh(tilted)
+        values, vectors = np.linalg.eigh(matrix)
+        equal = np.diff(values, axis=1).min(axis=1) <= _EQUAL * size
+        tilted = _tilted(matrix[equal], size[equal], push[equal])
+        vectors[equal] = np.linalg.eigh(tilted)[1]
     else:
-        moved, vectors = np.linalg.eig(tilted)
+        values = eigenvalues(matrix)
+        moved, vectors = np.linalg.eig(_tilted(matrix, size, push))
         order = np.argsort(moved.real, axis=1)
         vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     parts = vectors.reshape(len(matrix), cells, d, -1)
     share = (np.abs(np.einsum("kcdm,kd->kcm", parts, direction)) ** 2).sum(axis=1)
     rank = np.argsort(np.argsort(-share, axis=1, kind="stable"), axis=1)
     return values, rank < cells
+
+
+def _tilted(matrix: Any, size: Any, push: Any) -> Any:
+    """Matrices in which what moves along k costs a little more."""
+    return matrix + 1e-9 * size[:, None, None] * push[:, :, None] * push[:, None, :]
 
 
 # ------------------------------------------------------------------------------------ one wave

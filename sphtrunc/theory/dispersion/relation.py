@@ -20,8 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sphtrunc.operators.forces import (
     CORRECTED,
     GRAD_H,
@@ -226,26 +224,15 @@ def _corrected(waves: LatticeWaves, out: Any, into: Any) -> Any:
 
     δB = −V (S ξᵀ + Σ sin(k·r) r (H·ξ)) + δρ V Σ cos(k·r) ∇W rᵀ.
     """
-    d = waves.dim
-    s = waves.offsets
-    bent = s[:, :, None, None] * waves.hessian[:, None, :, :]  # r_j H_il
-    if waves.sine.ndim > 1:
-        return np.stack([_corrected_one(waves, w, o, i, bent, d) for w, o, i in zip(
-            range(len(waves.sine)), out, into, strict=True)])  # fmt: skip
-    return _corrected_one(waves, None, out, into, bent, d)
-
-
-def _corrected_one(
-    waves: LatticeWaves, row: int | None, out: Any, into: Any, bent: Any, d: int
-) -> Any:
-    sine = waves.sine if row is None else waves.sine[row]
-    cosine = 1 - (waves.versine if row is None else waves.versine[row])
+    d, s = waves.dim, waves.offsets
     weight = waves.volume * waves.count
-    flat = (sine @ bent.reshape(len(bent), -1)) * weight
-    u = flat.reshape(d, d, d)  # j, i, l
-    g = waves.gradient[:, :, None] * waves.offsets[:, None, :]
-    y = ((cosine @ g.reshape(len(g), -1)) * weight).reshape(d, d)
-    S = out[:, 0]
+    bent = s[:, :, None, None] * waves.hessian[:, None, :, :]  # r_j H_il
+    g = waves.gradient[:, :, None] * s[:, None, :]
+    u = weight * (waves.sine @ bent.reshape(len(s), -1))
+    y = weight * ((1 - waves.versine) @ g.reshape(len(s), -1))
+    u = u.reshape(*u.shape[:-1], d, d, d)  # j, i, l
+    y = y.reshape(*y.shape[:-1], d, d)
+    S = out[..., 0]
     # (δB S)_i for ξ = e_l: −S_i S_l − Σ_j U_jil S_j + δρ_l Σ_j Y_ij S_j
-    turned = sum(u[j] * S[j] for j in range(d))
-    return -(S[:, None] * S[None, :]) - turned + (y @ S)[:, None] * into[0][None, :]
+    turned = (u * S[..., :, None, None]).sum(axis=-3)
+    return -S[..., :, None] * S[..., None, :] - turned + (y @ S[..., :, None]) * into
