@@ -76,6 +76,7 @@ html_static_path = [
 html_css_files = ["site.css"]
 mathjax_path = "tex-svg-full.js"  # glyphs are drawn as curves: no fonts either
 mathjax3_config: dict[str, Any] = {"options": {"enableMenu": False}, "svg": {"fontCache": "none"}}
+html_sidebars = {f"site/{page}": [] for page in ("explorer", "how-do-i", "truncation-error")}
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {

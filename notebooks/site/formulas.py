@@ -120,7 +120,7 @@ def tex(formula: str) -> str:
     """The formula as TeX.
 
     >>> tex("σ_d = 1 / ∫ w(|s|) d^d s")
-    '\\\\sigma _d = 1 / \\\\int w(|s|) d^d s'
+    '\\\\sigma _d = 1 / \\\\int  w(|s|) d^d s'
 
     Raises ValueError for a sign that is not known.
     """

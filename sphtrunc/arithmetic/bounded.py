@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -101,6 +101,8 @@ class Bounded:
     """Balls around the numbers of `base`."""
 
     base: Plain
+    wide: ClassVar[bool] = False
+    bounded: ClassVar[bool] = True
 
     def number(self, high: Any, low: Any = None, error: Any = None) -> Ball:
         middle = np.asarray(high, dtype=np.float64)

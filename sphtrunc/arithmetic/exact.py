@@ -19,6 +19,8 @@ DIGITS = 60  # of the exact arithmetic
 class Exact:
     """Object arrays of mpmath numbers; to be used inside ``mpmath.workdps(DIGITS)``."""
 
+    wide = bounded = False
+
     def number(self, high: Any, low: Any = None, error: Any = None) -> Any:
         from mpmath import mp
 

@@ -56,6 +56,8 @@ def pair(x: Any) -> Pair:
 class Extended:
     """Pairs of floats; kernels by Horner's rule from coefficients to twice the precision."""
 
+    wide, bounded = True, False
+
     def number(self, high: Any, low: Any = None, error: Any = None) -> Pair:
         high = np.asarray(high, dtype=np.float64)
         return Pair(high, np.zeros_like(high) if low is None else np.asarray(low))

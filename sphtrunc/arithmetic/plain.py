@@ -22,7 +22,14 @@ from sphtrunc.arithmetic.summation import Array
 
 
 class Arithmetic(Protocol):
-    """What the experiment asks of an arithmetic."""
+    """What the experiment asks of an arithmetic.
+
+    wide, bounded: what it wants beside floats: the digits that follow, or a bound of what they are
+        off by
+    """
+
+    wide: bool
+    bounded: bool
 
     def number(self, high: Any, low: Any = None, error: Any = None) -> Any: ...
     def length(self, s: list[Any]) -> Any: ...
@@ -42,6 +49,8 @@ class Arithmetic(Protocol):
 
 class Plain:
     """float64, folded sums."""
+
+    wide = bounded = False
 
     def number(self, high: Any, low: Any = None, error: Any = None) -> Array:
         return np.asarray(high, dtype=np.float64)
@@ -83,6 +92,9 @@ class Plain:
     def rest(self, x: Any) -> Array:
         """What a number holds beside its value: nothing, a radius, or the digits that follow."""
         return np.zeros(np.shape(x))
+
+
+PLAIN = Plain()
 
 
 class Compensated(Plain):

@@ -15,7 +15,6 @@ def arithmetic(precision: str, bound: bool = False) -> Any:
     """The arithmetic of a precision level, with a bound if asked for."""
     from sphtrunc.arithmetic.bounded import Bounded
     from sphtrunc.arithmetic.exact import Exact
-    from sphtrunc.arithmetic.extended import Extended
 
     made: dict[str, Any] = {
         "plain": Plain(),
@@ -32,6 +31,6 @@ def arithmetic(precision: str, bound: bool = False) -> Any:
     return Bounded(made[precision])
 
 
-def arithmetic_for(extended: bool, errors: bool) -> Any:
-    """In which volumes are summed."""
-    return Extended() if extended else Bounded(Plain()) if errors else Plain()
+def for_volumes(number: Any) -> Any:
+    """In which volumes are summed, of whatever digits or bounds `number` wants beside them."""
+    return number if number.wide else Bounded(Plain()) if number.bounded else Plain()

@@ -29,9 +29,8 @@ from sphtrunc.experiment.neighbour_sums import (
     exact_derivatives,
     moments_by_fields,
 )
-from sphtrunc.experiment.task import Task, is_wave
+from sphtrunc.experiment.task import Task, is_still, is_wave
 from sphtrunc.operators.operator import NESTED, PAIRED, SYMMETRIC
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, Stretches
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.smoothing_lengths import Sloped
@@ -71,11 +70,10 @@ def evaluated(task: Task, target: Indices) -> Block:
 
 
 def _evaluate(task: Task, target: Indices, number: Any) -> Block:
-    extended, errors = isinstance(number, Extended), isinstance(number, Bounded)
-    block = task.scene.neighbourhood(target, task.kernel, extended=extended, errors=errors)
+    block = task.scene.neighbourhood(target, task.kernel, number)
     s, volume, stretches = block.offsets(number), block.volumes(number), block.stretches(number)
     owns = [one.own(target, task.seed, i) for i, one in enumerate(task.fields)]
-    if isinstance(task.scene, Lattice) and is_wave(task.fields):
+    if is_still(task.scene) and is_wave(task.fields):
         owns = [(np.array([0.0, 1.0]), np.array([1.0, 0.0]))] * len(task.fields)
     return _sum(task, number, block, s, volume, stretches, owns, target)
 
@@ -224,7 +222,7 @@ def _exactly(task: Task, target: Indices) -> Block:
                 there = number.number(stretch)
                 stretches = (None, there) if seen.mean_kernel else (there,)
             owns = [f.own(np.array([one]), task.seed, i) for i, f in enumerate(task.fields)]
-            waves = isinstance(task.scene, Lattice) and is_wave(task.fields)
+            waves = is_still(task.scene) and is_wave(task.fields)
             rounds = [(0.0, 1.0), (1.0, 0.0)] if waves else [None]
             for phase in rounds:
                 mine = [phase or (None if own is None else (own[0][0], own[1][0])) for own in owns]

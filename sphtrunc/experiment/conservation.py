@@ -9,17 +9,22 @@ computed: the transposed matrix is compared with the rates of the catalogue, fac
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from math import fsum
 from typing import Any
 
 import numpy as np
 
-from sphtrunc.arithmetic.summation import UNIT, Array, compensated_total
+from sphtrunc.arithmetic.summation import UNIT, Array
 from sphtrunc.experiment.momentum import FORMS, State, partner, parts_of, rates
 from sphtrunc.experiment.pair_matrices import Action, Part, act, same
 from sphtrunc.operators.forces import CORRECTED
 from sphtrunc.operators.h_rules import FORCE_RULES
+
+_CHUNK = 1 << 13  # particles at a time, which stay in the caches
+_COMPARED = 4096  # particles whose factors tell which matrix is another's transpose
 
 
 @dataclass(frozen=True)
@@ -78,15 +83,23 @@ def kept(
         _require(name, rule)
         parts = parts_of(state, name, rule)
         forces.append(parts)
-        chosen.append(_partner(state, name, rule, parts))
+        chosen.append(_partner(state, name, rule))
     requests: list[tuple[list[Part], Array]] = [(parts, state.pressure) for parts in forces]
     requests += [(parts, velocity) for _, _, parts in chosen]
+    # the matrices of the corrections once more, for the bounds of their sums
+    corrected = dict.fromkeys(
+        FORCE_RULES[rule][0] for name, rule in pairs if _gradient(name) == CORRECTED
+    )
+    for sides in corrected:
+        requests += state.moment_matrix(sides)
     done = act(state.cloud, requests, bound=True)
+    columns = iter(done[2 * len(pairs) :])
+    off = {sides: state.deviation(sides, [*islice(columns, state.dim)]) for sides in corrected}
     found = []
     for i, (name, rule) in enumerate(pairs):
         force, rate = done[i], done[len(pairs) + i]
         known, tried, _ = chosen[i]
-        shift, turn = _defect(state, name, rule)
+        shift, turn = _defect(state, name, off.get(FORCE_RULES[rule][0]))
         found.append(
             Kept(
                 form=name,
@@ -112,74 +125,117 @@ def _require(name: str, rule: str) -> None:
         )
 
 
-def _partner(
-    state: State, name: str, rule: str, parts: list[Part]
-) -> tuple[str | None, str, list[Part]]:
-    """(name of the adjoint rate or None, name of the rate to try, its parts)."""
-    transposed = partner(state, parts)
-    catalogue = rates(state, name, rule)
-    for candidate, rows in catalogue.items():
-        if same(transposed, rows):
-            return candidate, candidate, rows
-    first = next(iter(catalogue))
-    return None, first, catalogue[first]
+def _partner(state: State, name: str, rule: str) -> tuple[str | None, str, list[Part]]:
+    """(name of the adjoint rate or None, name of the rate to try, its parts). Factors are functions
+    of the particle, the same for all: some thousand of them are compared."""
+    few = state.some(slice(None, None, max(1, state.cloud.count // _COMPARED)))
+    transposed = partner(few, parts_of(few, name, rule))
+    candidates = rates(few, name, rule)
+    known = next((n for n, rows in candidates.items() if same(transposed, rows())), None)
+    tried = known or next(iter(candidates))
+    return known, tried, rates(state, name, rule)[tried]()
 
 
-def _defect(state: State, name: str, rule: str) -> tuple[Array, Array]:
-    """(n,) each: the force and the couple that the rounding of a correction leaves."""
-    force, none = FORMS[name].force, np.zeros(state.cloud.count)
-    size = state.volume * np.abs(state.pressure)
-    if force is None:
-        off = size * state.reproducing[1]
-        return off / state.cloud.h, 2.0 * off
-    if force.gradient == CORRECTED:
-        return none, 2.0 * size * state.correction(FORCE_RULES[rule][0])[1]
-    return none, none
+def _gradient(name: str) -> str | None:
+    force = FORMS[name].force
+    return None if force is None else force.gradient
 
 
-def _total(terms: Array) -> float:
-    """Σ to twice the precision."""
-    high, low = compensated_total(terms.ravel())
-    return float(high + low)
+def _defect(state: State, name: str, off: Array | None) -> tuple[Array | float, Array | float]:
+    """(n,) each: the force and the couple that the rounding of a correction leaves.
+
+    off: how far C B may be from 1
+    """
+    if FORMS[name].force is None:
+        rest = state.volume * np.abs(state.pressure) * state.reproducing[1]
+        return rest / state.cloud.h, 2.0 * rest
+    if _gradient(name) == CORRECTED:
+        assert off is not None
+        return 0.0, 2.0 * state.volume * np.abs(state.pressure) * off
+    return 0.0, 0.0
 
 
-def _linear(force: Action, shift: Array) -> Residual:
+def _total(terms: Callable[[slice], Array], count: int) -> float:
+    """Σ of terms that are made a part of the particles at a time, in the widest floats that the
+    machine has, and parts without error: of pairwise sums in ordinary ones, 10⁻¹⁵ of what is added
+    up, far below the bounds."""
+    sums: list[float] = []
+    for first in range(0, count, _CHUNK):
+        part = np.sum(terms(slice(first, first + _CHUNK)), dtype=np.longdouble)
+        sums += [float(part), float(part - np.longdouble(float(part)))]
+    return fsum(sums)
+
+
+def _sum(terms: Callable[[slice], Any], count: int) -> float:
+    """Σ of positive terms, likewise."""
+    parts = (slice(first, first + _CHUNK) for first in range(0, count, _CHUNK))
+    return fsum(float(np.sum(terms(part))) for part in parts)
+
+
+def _linear(force: Action, shift: Array | float) -> Residual:
     assert force.bound is not None
-    worst = max(abs(_total(row)) for row in force.value)
-    bound = max(_total(row) for row in force.bound) + _total(shift)
-    return _relative(worst, bound, _total(force.size))
+    n = force.value.shape[1]
+    worst = max(abs(_total(row.__getitem__, n)) for row in force.value)
+    bound = float(max(row.sum() for row in force.bound) + np.sum(shift))
+    return _relative(worst, bound, float(force.size.sum()))
 
 
-def _angular(state: State, force: Action, shift: Array, turn: Array) -> Residual | None:
+def _angular(
+    state: State, force: Action, shift: Array | float, turn: Array | float
+) -> Residual | None:
     """Σ x × F about the mean position."""
     if state.dim == 1 or state.cloud.period is not None:
         return None
     assert force.bound is not None
-    x = state.cloud.x
-    arm = x - x.mean(axis=1)[:, None]
-    span = np.abs(arm)
-    rounded = 4.0 * UNIT * span + UNIT * np.abs(x)  # of the arm, and of the product with it
+    x, value, error, sizes = state.cloud.x, force.value, force.bound, force.size
+    middle, n = x.mean(axis=1)[:, None], state.cloud.count
+    push, couple = np.broadcast_to(shift, (n,)), np.broadcast_to(turn, (n,))
     planes = [(0, 1)] if state.dim == 2 else [(1, 2), (2, 0), (0, 1)]
     worst = bound = size = 0.0
     for i, j in planes:
-        worst = max(worst, abs(_total(arm[i] * force.value[j] - arm[j] * force.value[i])))
-        size += _total(span[i] * force.size[j] + span[j] * force.size[i])
-        error = span[i] * (force.bound[j] + shift) + span[j] * (force.bound[i] + shift)
-        error += rounded[i] * force.size[j] + rounded[j] * force.size[i]
-        bound = max(bound, _total(error + turn))
+
+        def torque(part: slice, i: int = i, j: int = j) -> Array:
+            arm = x[:, part] - middle
+            return np.asarray(arm[i] * value[j, part] - arm[j] * value[i, part])
+
+        def whole(part: slice, i: int = i, j: int = j) -> Array:
+            span = np.abs(x[:, part] - middle)
+            return np.asarray(span[i] * sizes[j, part] + span[j] * sizes[i, part])
+
+        def off(part: slice, i: int = i, j: int = j) -> Array:
+            span = np.abs(x[:, part] - middle)
+            # of the arm, and of the product with it
+            rounded = 4.0 * UNIT * span + UNIT * np.abs(x[:, part])
+            total = span[i] * (error[j, part] + push[part])
+            total += span[j] * (error[i, part] + push[part])
+            total += rounded[i] * sizes[j, part] + rounded[j] * sizes[i, part]
+            return np.asarray(total + couple[part])
+
+        worst = max(worst, abs(_total(torque, n)))
+        size += _sum(whole, n)
+        bound = max(bound, _sum(off, n))
     return _relative(worst, bound, size)
 
 
 def _energy(state: State, force: Action, rate: Action, velocity: Array) -> Residual:
     assert force.bound is not None
     assert rate.bound is not None
-    weight = state.per_square * state.pressure
-    work = velocity * force.value
-    heat = weight * rate.value
-    size = _total(np.abs(velocity) * force.size) + _total(np.abs(weight) * rate.size)
-    bound = _total(np.abs(velocity) * force.bound) + _total(np.abs(weight) * rate.bound)
-    bound += 8.0 * UNIT * size
-    return _relative(abs(_total(np.stack([work, heat]))), bound, size)
+    weight, n = state.per_square * state.pressure, state.cloud.count
+
+    def both(one: Array, other: Array, size: bool) -> Callable[[slice], Array]:
+        """v·one and (mP/ρ²)·other, or their sizes."""
+
+        def terms(part: slice) -> Array:
+            v, w = velocity[:, part], weight[part]
+            if size:
+                v, w = np.abs(v), np.abs(w)
+            return np.concatenate([v * one[:, part], w * other[:, part]])
+
+        return terms
+
+    size = _sum(both(force.size, rate.size, True), n)
+    bound = _sum(both(force.bound, rate.bound, True), n) + 8.0 * UNIT * size
+    return _relative(abs(_total(both(force.value, rate.value, False), n)), bound, size)
 
 
 def _relative(value: float, bound: float, size: float) -> Residual:

@@ -31,11 +31,12 @@ def sampled(
         return one.at(number, block, s, own)
     if ghosts.kind == "dummy":
         return _extrapolated(task, number, block, s, one, own, ghosts.rows)
-    image = number.number(ghosts.image, ghosts.image_low, ghosts.image_error)
+    image = number.number(ghosts.image, ghosts.beside, ghosts.beside)
     seen = one.at(number, block, [image, *s[1:]], own)
     if ghosts.kind == "mirror":
         return seen
-    wall = number.number(*(np.full((1, 1), x) for x in (*ghosts.wall, abs(ghosts.wall[1]))))
+    there = (*ghosts.wall, np.abs(ghosts.wall[1]))
+    wall = number.number(*(np.atleast_2d(np.asarray(x, dtype=np.float64)) for x in there))
     foot = one.at(number, block, [wall + 0 * s[0], *s[1:]], own).difference
     beyond = number.drop(2 * foot - seen.difference, ~ghosts.rows)
     return replace(seen, difference=number.drop(seen.difference, ghosts.rows) + beyond)
@@ -52,12 +53,7 @@ def _extrapolated(
 ) -> Sample:
     """Dummies with the Shepard mean of A_c − A_a over the fluid within their own supports."""
     scene: Any = task.scene
-    wall = replace(scene.wall, ghosts="none", weight=scene.wall.share)
-    wants = {
-        "extended": block.offset_low is not None,
-        "errors": block.offset_error is not None,
-    }
-    wide = replace(scene, wall=wall).neighbourhood(block.target, task.kernel, **wants, reach=2)
+    wide = scene.bare().neighbourhood(block.target, task.kernel, number, reach=2)
     around, volume = wide.offsets(number), wide.volumes(number)
     difference = one.at(number, wide, around, own).difference
     here = one.at(number, block, s, own)
@@ -66,8 +62,8 @@ def _extrapolated(
         t = [c - a[b] for c, a in zip(around, s, strict=True)]
         weight = kernel_values(number, task.kernel, number.length(t), 0, len(t)) * volume
         density = number.total(weight)
-        if np.any(number.value(density) <= 0.0):
-            continue  # no fluid within its support: beyond that of the target, too
+        # a dummy without fluid in its support is beyond that of the target, too
+        density = density + number.number((number.value(density) <= 0.0).astype(np.float64))
         mean = number.ratio(number.dot(weight, difference), density)
         alone = np.arange(len(rows))[:, None] != b
         total = total + number.drop(mean + 0 * s[0], alone)

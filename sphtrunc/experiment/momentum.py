@@ -15,8 +15,8 @@ on corrected kernels and the energy).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from sphtrunc.arithmetic.small_systems import solve
 from sphtrunc.arithmetic.summation import UNIT, Array
 from sphtrunc.experiment.adapted_lengths import grad_h
 from sphtrunc.experiment.engine import pair_sums
-from sphtrunc.experiment.pair_matrices import Cloud, Part, act, adjoint, scaled
+from sphtrunc.experiment.pair_matrices import Action, Cloud, Part, act, adjoint, scaled
 from sphtrunc.operators.forces import CORRECTED, FORCES, GRAD_H, PLAIN, RATES, Force, Rate
 from sphtrunc.operators.h_rules import FORCE_RULES, Sides
 from sphtrunc.operators.moments import add, unit
@@ -64,6 +64,25 @@ class State:
         """m/ρ²."""
         return self.mass / (self.density * self.density)
 
+    def some(self, index: Any) -> State:
+        """Some of the particles with the factors that they have among all."""
+        cloud = replace(self.cloud, x=self.cloud.x[:, index], h=self.cloud.h[index])
+        part = State(cloud, self.mass[index], self.density[index], self.pressure[index])
+        known: dict[str, Any] = {
+            "_corrections": {
+                sides: [[x[index] for x in row] for row in c]
+                for sides, c in self._corrections.items()
+            },
+        }
+        if "omega" in self.__dict__:
+            known["omega"] = self.omega[index]
+        if "reproducing" in self.__dict__:
+            rows, off = self.reproducing
+            small = [{key: c[index] for key, c in row.items()} for row in rows]
+            known["reproducing"] = (small, off[index])
+        part.__dict__.update(known)
+        return part
+
     @cached_property
     def omega(self) -> Array:
         """Ω = 1 + (h/dρ) ∂ρ/∂h of the summation ρ = Σ m W(h_a), which is Σ_i m[e_i, e_i]/(d ρ)."""
@@ -72,20 +91,37 @@ class State:
         return grad_h(scene, cloud.kernel, cloud.workers)[1]
 
     @cached_property
-    def _corrections(self) -> dict[Sides, tuple[Array, Array]]:
+    def _products(self) -> dict[Any, tuple[Array, ...]]:
+        """Factors that have been made, by what they are of: forms have many in common."""
         return {}
 
-    def correction(self, sides: Sides) -> tuple[Array, Array]:
-        """C = B⁻¹, (d, d, n), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides, and how far any
-        entry of C B may be from 1, (n,): by the rounding of the sums and of the solution."""
+    def product(self, one: Array, other: Array) -> Array:
+        """one·other, made once for the same two."""
+        name = id(one), id(other)
+        if name not in self._products:
+            self._products[name] = one * other, one, other  # kept, so that their ids stay theirs
+        return self._products[name][0]
+
+    @cached_property
+    def _corrections(self) -> dict[Sides, list[list[Array]]]:
+        return {}
+
+    def correction(self, sides: Sides) -> list[list[Array]]:
+        """C = B⁻¹, d rows of d (n,), B_ij = Σ_b V_b (x_b − x_a)_j ∂_iW on these sides."""
         if sides not in self._corrections:
-            self._corrections[sides] = self._corrected(sides)
+            dim, n = self.dim, self.cloud.count
+            columns = act(self.cloud, self.moment_matrix(sides))
+            b = [[columns[j].value[i] for j in range(dim)] for i in range(dim)]
+            health = Health()
+            c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
+            _require(health, n, "csph")
+            self._corrections[sides] = [[np.broadcast_to(x, (n,)) for x in row] for row in c]
         return self._corrections[sides]
 
-    def _corrected(self, sides: Sides) -> tuple[Array, Array]:
-        dim, n = self.dim, self.cloud.count
-        ones = np.ones(n)
-        requests = [
+    def moment_matrix(self, sides: Sides) -> list[tuple[list[Part], Array]]:
+        """What makes the columns of B."""
+        dim, ones = self.dim, np.ones(self.cloud.count)
+        return [
             (
                 [
                     Part(i, side, (unit(dim, i), unit(dim, j)), share * ones, self.volume, True)
@@ -96,12 +132,13 @@ class State:
             )
             for j in range(dim)
         ]
-        columns = act(self.cloud, requests, bound=True)
+
+    def deviation(self, sides: Sides, columns: Sequence[Action]) -> Array:
+        """How far any entry of C B may be from 1, (n,), by the rounding of the sums and of the
+        solution; columns: of B, with their bounds."""
+        dim, c = self.dim, self.correction(sides)
         b = [[columns[j].value[i] for j in range(dim)] for i in range(dim)]
-        health = Health()
-        c = solve(b, [[float(i == j) for j in range(dim)] for i in range(dim)], health)
-        _require(health, n, "csph")
-        off = np.zeros(n)
+        off = np.zeros(self.cloud.count)
         for i in range(dim):
             for j in range(dim):
                 terms = [c[i][k] * b[k][j] for k in range(dim)]
@@ -111,7 +148,7 @@ class State:
                     bound = columns[j].bound
                     assert bound is not None
                     off += np.abs(c[i][k]) * bound[k]
-        return np.stack([np.stack([np.broadcast_to(x, (n,)) for x in row]) for row in c]), off
+        return off
 
     @cached_property
     def reproducing(self) -> tuple[list[dict[Key, Array]], Array]:
@@ -191,16 +228,32 @@ def _ends(
         per = 1.0 / state.omega
         rows = [(left * per, right, diagonal) if end == "a" else (left, right * per, diagonal)]
     elif gradient == CORRECTED:
-        c = state.correction(FORCE_RULES[rule][0])[0]
+        c = state.correction(FORCE_RULES[rule][0])
         axes = [(i, j) for i in range(dim) for j in range(dim)]
         rows = [
-            (left * c[i, j], right, [(i, j)]) if end == "a" else (left, right * c[i, j], [(i, j)])
+            (state.product(left, c[i][j]), right, [(i, j)])
+            if end == "a"
+            else (left, state.product(right, c[i][j]), [(i, j)])
             for i, j in axes
         ]
     for l_row, r_row, axes in rows:
         for side, share in sides:
             for component, axis in axes:
-                yield Part(component, side, (unit(dim, axis), zero), share * l_row, r_row, own)
+                l_part = l_row if share == 1.0 else share * l_row
+                yield Part(component, side, (unit(dim, axis), zero), l_part, r_row, own)
+
+
+def _weighed(
+    state: State, weight: Callable[..., Any], pressures: tuple[float, float]
+) -> tuple[Array, Array] | None:
+    """−m l and m r of the weight of one of the pressures, made once."""
+    name = weight, pressures
+    if name not in state._products:
+        found = _factors(lambda a, b: weight(*pressures, a, b), state.density)
+        left_right = () if found is None else (-state.mass * found[0], state.mass * found[1])
+        state._products[name] = left_right
+    made = state._products[name]
+    return (made[0], made[1]) if made else None
 
 
 def force_parts(state: State, force: Force, rule: str) -> list[Part]:
@@ -209,9 +262,9 @@ def force_parts(state: State, force: Force, rule: str) -> list[Part]:
     for end, weight in (("a", force.own), ("b", force.other)):
         for own in (True, False):
             pressures = (1.0, 0.0) if own else (0.0, 1.0)
-            found = _factors(lambda a, b, p=pressures, w=weight: w(*p, a, b), state.density)
+            found = _weighed(state, weight, pressures)
             if found is not None:
-                left, right = -state.mass * found[0], state.mass * found[1]
+                left, right = found
                 parts += _ends(state, rule, force.gradient, end, left, right, own)
     return parts
 
@@ -220,11 +273,17 @@ def rate_parts(state: State, rate: Rate, rule: str, gradient: str = PLAIN) -> li
     """D of ρ̇ = D v."""
     parts: list[Part] = []
     for end, weight in (("a", rate.own), ("b", rate.other)):
-        found = _factors(weight, state.density)
-        if found is not None:
-            left, right = found[0], state.mass * found[1]
+        name = rate.name, end
+        if name not in state._products:
+            found = _factors(weight, state.density)
+            made: tuple[Array, ...] = ()
+            if found is not None:
+                made = found[0], -rate.mirror * found[0], state.mass * found[1]
+            state._products[name] = made
+        if state._products[name]:
+            left, back, right = state._products[name]
             parts += _ends(state, rule, gradient, end, left, right, True)
-            parts += _ends(state, rule, gradient, end, -rate.mirror * left, right, False)
+            parts += _ends(state, rule, gradient, end, back, right, False)
     return parts
 
 
@@ -322,20 +381,20 @@ def parts_of(state: State, name: str, rule: str) -> list[Part]:
     return _strong(state) if name == "rkpm-strong" else _galerkin(state)
 
 
-def rates(state: State, name: str, rule: str) -> dict[str, list[Part]]:
-    """The density rates beside which a form is looked at: those of the catalogue with the gradient
-    that it has, and with the plain one."""
+def rates(state: State, name: str, rule: str) -> dict[str, Callable[[], list[Part]]]:
+    """The density rates beside which a form is looked at, each as what makes its parts: of the
+    catalogue, with the gradient that the form has, and with the plain one."""
     force = FORMS[name].force
     if force is None:
         return {
-            "−ρ_a Σ v_b·∇ψ_b(x_a)": scaled(_strong(state), state.density / state.volume),
-            **{f"{r.name}": rate_parts(state, r, rule) for r in RATES.values()},
+            "−ρ_a Σ v_b·∇ψ_b(x_a)": lambda: scaled(_strong(state), state.density / state.volume),
+            **{r.name: partial(rate_parts, state, r, rule) for r in RATES.values()},
         }
     gradients = dict.fromkeys((force.gradient, PLAIN))
     first = sorted(RATES.values(), key=lambda rate: rate.name != force.rate)
     return {
-        rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": rate_parts(
-            state, rate, rule, gradient
+        rate.name if gradient == PLAIN else f"{rate.name} ({gradient})": partial(
+            rate_parts, state, rate, rule, gradient
         )
         for gradient in gradients
         for rate in first

@@ -25,7 +25,15 @@ from sphtrunc.experiment.neighbour_sums import Weights
 from sphtrunc.operators.corrections import combine, shifted
 from sphtrunc.operators.moments import MultiIndex, add, multi_indices
 from sphtrunc.scenes.lattice import Lattice
-from sphtrunc.scenes.neighbourhood import CELLS, EDGE, Indices, Neighbourhood, Stretches, compact
+from sphtrunc.scenes.neighbourhood import (
+    CELLS,
+    EDGE,
+    Beside,
+    Indices,
+    Neighbourhood,
+    Stretches,
+    compact,
+)
 from sphtrunc.scenes.particles import Particles
 from sphtrunc.scenes.scene import Scene
 from sphtrunc.scenes.sites import KINDS
@@ -157,23 +165,18 @@ def views(number: Any, scene: Scene, kernel: Kernel, block: Neighbourhood) -> It
     if isinstance(number, Exact):
         yield from _exact_views(number, scene, kernel, block)
         return
-    wants = {
-        "extended": block.offset_low is not None,
-        "errors": block.offset_error is not None,
-    }
     if isinstance(scene, Particles):
         for part in steps:
-            yield _of_particles(number, scene, kernel, block, part, wants)
+            yield _of_particles(number, scene, kernel, block, part)
     elif isinstance(scene, Lattice) and scene.wall is None and KINDS[scene.kind].turned is None:
         home = replace(scene, offset=(Fraction(0),) * scene.dim)
-        around = home.neighbourhood(np.zeros(1, dtype=np.int64), kernel, **wants)
-        around = _shaped(around, (1, 1))
+        around = _shaped(home.neighbourhood(np.zeros(1, dtype=np.int64), kernel, number), (1, 1))
         for part in steps:
             yield View(rows=part, s=around.offsets(number), volume=around.volumes(number))
     else:
-        wide = scene.neighbourhood(block.target, kernel, **wants, reach=2)
+        wide = scene.neighbourhood(block.target, kernel, number, reach=2)
         for part in steps:
-            seen = _seen_from(block, wide, part, float(kernel.support))
+            seen = _seen_from(number, block, wide, part, float(kernel.support))
             yield View(rows=part, s=seen.offsets(number), volume=seen.volumes(number))
 
 
@@ -186,23 +189,19 @@ def _shaped(block: Neighbourhood, shape: tuple[int, ...]) -> Neighbourhood:
         wide = values.shape[axes - 1] == 1
         return values.reshape(*values.shape[: axes - 1], *((1,) * len(shape) if wide else shape))
 
+    beside = block.beside
     return replace(
         block,
         offset=shaped(block.offset, 3),
         volume=shaped(block.volume, 2),
         particle=shaped(block.particle, 2),
         stretch=shaped(block.stretch, 2),
-        offset_low=shaped(block.offset_low, 3),
-        volume_low=shaped(block.volume_low, 2),
-        offset_error=shaped(block.offset_error, 3),
-        volume_error=shaped(block.volume_error, 2),
-        stretch_low=shaped(block.stretch_low, 2),
-        stretch_error=shaped(block.stretch_error, 2),
+        beside=beside and Beside(*map(shaped, beside, (3, 2, 2))),
     )
 
 
 def _seen_from(
-    block: Neighbourhood, wide: Neighbourhood, rows: slice, support: float
+    number: Any, block: Neighbourhood, wide: Neighbourhood, rows: slice, support: float
 ) -> Neighbourhood:
     """The particles of `wide` within the support of the neighbours `rows` of a block: s_c − s_b."""
     dim, here = block.offset.shape[0], block.offset[:, rows]
@@ -211,43 +210,39 @@ def _seen_from(
     distance: Any = 0.0
     for i in range(dim):
         t = wide.offset[i][:, None] - here[i]
-        if wide.offset_low is not None and block.offset_low is not None:
-            low = two_sum(wide.offset_low[i][:, None], -block.offset_low[i][rows])
-            t, arrays[f"low{i}"] = dd_add(two_sum(wide.offset[i][:, None], -here[i]), low)
-        if wide.offset_error is not None and block.offset_error is not None:
-            known = wide.offset_error[i][:, None] + block.offset_error[i][rows]
-            arrays[f"e{i}"] = (known + UNIT * np.abs(t)) * EDGE
+        if wide.beside is not None and block.beside is not None:
+            there, mine = wide.beside.offset[i][:, None], block.beside.offset[i][rows]
+            if number.wide:
+                both = two_sum(wide.offset[i][:, None], -here[i])
+                t, arrays[f"beside{i}"] = dd_add(both, two_sum(there, -mine))
+            else:
+                arrays[f"beside{i}"] = (there + mine + UNIT * np.abs(t)) * EDGE
         arrays[f"s{i}"] = t
         distance = distance + t * t
-    for name in ("volume", "volume_low", "volume_error"):
-        values = getattr(wide, name)
+    volumes = {"volume": wide.volume, "more": None if wide.beside is None else wide.beside.volume}
+    for name, values in volumes.items():
         if values is not None and values.shape[0] > 1:
             arrays[name] = np.broadcast_to(values[:, None], distance.shape)
     itself = distance == 0.0
     itself &= itself.sum(axis=0) == 1  # b among the c: no error there
-    for i in range(dim if "e0" in arrays else 0):
-        arrays[f"e{i}"] = np.where(itself, 0.0, arrays[f"e{i}"])
+    for i in range(dim if number.bounded else 0):
+        arrays[f"beside{i}"] = np.where(itself, 0.0, arrays[f"beside{i}"])
     flat = {name: values.reshape(len(values), -1) for name, values in arrays.items()}
     near = (distance <= (support * EDGE) ** 2).reshape(len(distance), -1)
     kept = {n: a.reshape(-1, *shape) for n, a in compact(near, flat, 2.0 * support + 1.0).items()}
 
-    def stack(name: str) -> Array | None:
-        return np.stack([kept[f"{name}{i}"] for i in range(dim)]) if f"{name}0" in kept else None
-
     def of(name: str) -> Any:
-        values = getattr(wide, name)
+        values = volumes[name]
         return kept.get(name, None if values is None else values[:, None])
 
-    offset = stack("s")
-    assert offset is not None
+    beside = None
+    if wide.beside is not None:
+        beside = Beside(np.stack([kept[f"beside{i}"] for i in range(dim)]), of("more"))
     return Neighbourhood(
-        offset=offset,
+        offset=np.stack([kept[f"s{i}"] for i in range(dim)]),
         volume=of("volume"),
         target=block.target,
-        offset_low=stack("low"),
-        volume_low=of("volume_low"),
-        offset_error=stack("e"),
-        volume_error=of("volume_error"),
+        beside=beside,
     )
 
 
@@ -257,12 +252,11 @@ def _of_particles(
     kernel: Kernel,
     block: Neighbourhood,
     rows: slice,
-    wants: dict[str, bool],
 ) -> View:
     """Explicit particles are targets themselves."""
     assert block.particle is not None
     b = np.maximum(block.particle[rows], 0)
-    seen = _shaped(scene.neighbourhood(b.ravel(), kernel, **wants), b.shape)
+    seen = _shaped(scene.neighbourhood(b.ravel(), kernel, number), b.shape)
     assert seen.particle is not None
     scale = None
     if not np.all(scene.h == scene.h[0]):

@@ -14,15 +14,14 @@ Sums run on the pair engine, with a bound of all rounding if asked for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sphtrunc.arithmetic.summation import UNIT, Array
-from sphtrunc.experiment.engine import one_pass, pairs_with_terms
+from sphtrunc.experiment.engine import Grouped, grouped, pairs_with_terms, sizes
 from sphtrunc.operators.moments import unit
 from sphtrunc.operators.terms import Key
 from sphtrunc.scenes.particles import particles
@@ -33,9 +32,9 @@ if TYPE_CHECKING:
 
 #: side of a pair whose h the kernel takes: mode of the engine
 SIDES = {"a": "gather", "b": "scatter", "mean": "mean"}
-_SUMS = 96  # of one pass; more are taken in passes of one key each
-#: factors are made in at most eight roundings; the engine allows at least u/2 for each product
-_FACTORS = 1.0 + 2.0 * 8.0
+_SUMS = 96  # of one pass
+_CHUNK = 1 << 13  # targets
+_FACTORS = 24  # roundings that factors l and r, fields times them, and scales are made in, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +89,8 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Action:
-    """What parts do to a field: (d, n) by axis, the bound of its rounding, and the sum of the sizes
-    of the parts."""
+    """What parts do to a field: (d, n), or (1, n) where a vector becomes a scalar; the bound of
+    its rounding; and the sum of the sizes of what is added up."""
 
     value: Array
     bound: Array | None
@@ -107,99 +106,223 @@ def act(
 ) -> list[Action]:
     """Parts applied to fields, all in as few passes over the pairs as there are sides.
 
+    What has a factor l in common is one sum over the neighbours, whatever it consists of, and what
+    several requests have in common is summed once. Bounds come from a pass of their own, of sizes
+    alone (see `engine.sizes`).
+
     requests: (parts, field), the field (n,), or (d, n) where each part takes the component of its
         axis; targets: indices (T,) of the rows that are wanted, None for all
     Raises ValueError as the engine does.
     """
     at: Any = slice(None) if targets is None else np.asarray(targets)
-    sources: dict[tuple[str, bytes, bytes], int] = {}  # (side, r, A or nothing) -> row
-    rows: dict[str, list[Array]] = {}
-    keys: dict[str, dict[int, dict[Key, None]]] = {}
-    placed: list[list[int]] = []
-    named = _Names()
-    for parts, field in requests:
-        columns = [field[i] for i in range(cloud.dim)] if field.ndim == 2 else [field] * cloud.dim
-        places = []
-        for part in parts:
-            acted = columns[part.axis]
-            name = (part.side, named(part.right), b"" if part.own else named(acted))
-            if name not in sources:
-                there = rows.setdefault(part.side, [])
-                sources[name] = len(there)
-                there.append(part.right if part.own else part.right * acted)
-            keys.setdefault(part.side, {}).setdefault(sources[name], {})[part.key] = None
-            places.append(sources[name])
-        placed.append(places)
-    sums: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
-    for side, fields in rows.items():
-        sums |= _passes(cloud, side, fields, keys[side], bound, targets)
-    result = []
-    for (parts, field), places in zip(requests, placed, strict=True):
-        value, error, size = np.zeros((3, cloud.dim, cloud.h[at].size))
-        for part, place in zip(parts, places, strict=True):
-            total, radius = sums[part.side, part.key, place]
-            left = part.left[at]
-            if part.own:
-                left = left * (field if field.ndim == 1 else field[part.axis])[at]
-            term = left * total
-            value[part.axis] += term
-            size[part.axis] += np.abs(term)
-            if bound:
-                error[part.axis] += np.abs(left) * radius * _FACTORS
-        if bound:  # products and sums at the target
-            error += (len(parts) + 12.0) * UNIT * size
-        result.append(Action(value, error if bound else None, size))
-    return result
+    work, count = _Work(), cloud.h[at].size
+    placed = [[*_sums_of(work, parts, field, i)] for i, (parts, field) in enumerate(requests)]
+    sums = {side: work.summed(cloud, side, bound, targets) for side in work.groups}
+    shapes = [(cloud.dim if field.ndim == 1 else 1, count) for _, field in requests]
+    result = [Action(*(np.zeros(shape) for _ in range(3))) for shape in shapes]
+    for first in range(0, count, _CHUNK):  # little at a time, which stays in the caches
+        part = slice(first, first + _CHUNK)
+        here = part if targets is None else at[part]
+        found = {side: one.block(part) for side, one in sums.items()}
+        for (_, field), rows, done in zip(requests, placed, result, strict=True):
+            for own, axis, left, place in rows:
+                values, radii = found[place.side]
+                factor = left[here]
+                if own:
+                    factor = factor * (field if field.ndim == 1 else field[axis])[here]
+                term, row = factor * values[place.number], min(axis, len(done.value) - 1)
+                done.value[row, part] += term
+                done.size[row, part] += np.abs(term, out=term)
+                if radii is not None:
+                    assert done.bound is not None
+                    done.bound[row, part] += np.abs(factor) * radii(place.number)
+            if done.bound is not None:  # products and sums at the target
+                done.bound[:, part] += (len(rows) + 12.0) * UNIT * done.size[:, part]
+    return [done if bound else replace(done, bound=None) for done in result]
+
+
+class _Place(NamedTuple):
+    """Where a sum is: number of a group on a side."""
+
+    side: str
+    number: int
+
+
+def _sums_of(
+    work: _Work, parts: Sequence[Part], field: Array, request: int
+) -> Iterator[tuple[bool, int, Array, _Place]]:
+    """(own, axis, left, where the sum is) of what a request consists of: parts of one factor l."""
+    groups: dict[tuple[Any, ...], list[Part]] = {}
+    for part in parts:
+        # the axes of a vector that is acted on are added up, but for those of the particle's own
+        axis = part.axis if field.ndim == 1 or part.own else -1
+        delta, gamma = part.key
+        order = sum(delta), sum(gamma)
+        name = part.side, part.own, axis, order, work.names(part.left)
+        groups.setdefault(name, []).append(part)
+    for (side, own, axis, _, _), some in groups.items():
+        columns: dict[Key, list[Array]] = {}
+        for part in some:
+            column = part.right
+            if not own:
+                column = work.product(part.right, field if field.ndim == 1 else field[part.axis])
+            columns.setdefault(part.key, []).append(column)
+        place = _Place(side, work.group(side, columns, (request, own)))
+        yield own, max(axis, 0), some[0].left, place
+
+
+class _Summed(NamedTuple):
+    """The sums of a side: of the engine, the powers of h that take them to units of length, h (T,),
+    and for each of them where the bound is, its row and a factor."""
+
+    done: list[Grouped]
+    powers: list[int]
+    h: Array
+    radii: list[tuple[Grouped, int, float]] | None = None
+
+    def block(self, part: slice) -> tuple[Array, Callable[[int], Array] | None]:
+        """Of some targets, (G, T), and the bound of every one of them.
+
+        Raises ValueError where they overflow.
+        """
+        h = self.h[part]
+        scale = {p: h ** float(p) for p in set(self.powers)}
+        values = np.concatenate([one.block(part) for one in self.done])
+        with np.errstate(over="ignore", invalid="ignore"):
+            for row, power in zip(values, self.powers, strict=True):
+                row *= scale[power]
+        if not np.isfinite(values).all():
+            raise ValueError("fields: the sums overflow; expected smaller values")
+        if self.radii is None:
+            return values, None
+        radii = self.radii
+        read = {i: one.block(part) for i, one in {id(one): one for one, _, _ in radii}.items()}
+
+        def radius(number: int) -> Array:
+            one, row, factor = radii[number]
+            return np.asarray(read[id(one)][row] * (factor * scale[self.powers[number]]))
+
+        return values, radius
+
+
+class _Work:
+    """What is to be summed on each side: columns of numbers, and groups of (key, column).
+
+    groups: side -> (key, number of a column) of every sum, and the requests that it is part of
+    """
+
+    def __init__(self) -> None:
+        self.names = _Names()
+        self.groups: dict[str, dict[frozenset[tuple[Key, int]], set[Any]]] = {}
+        self.columns: dict[int, tuple[Array, list[Array]]] = {}  # name -> column, what it adds up
+        self._products: dict[tuple[int, int], Array] = {}
+
+    def product(self, right: Array, field: Array) -> Array:
+        """r·A, once for the same two."""
+        name = self.names(right), self.names(field)
+        if name not in self._products:
+            self._products[name] = right * field
+        return self._products[name]
+
+    def group(self, side: str, columns: Mapping[Key, list[Array]], use: Any) -> int:
+        """The number of the sum of these columns, each with its key."""
+        found = set()
+        for key, some in columns.items():
+            column = some[0] if len(some) == 1 else np.sum(some, axis=0)
+            name = self.names(column)
+            self.columns.setdefault(name, (column, some))
+            found.add((key, name))
+        groups = self.groups.setdefault(side, {})
+        groups.setdefault(frozenset(found), set()).add(use)
+        return list(groups).index(frozenset(found))
+
+    def summed(self, cloud: Cloud, side: str, bound: bool, targets: Any) -> _Summed:
+        """Every sum of a side, and the bounds of their rounding."""
+        scene, groups = cloud.scene(side), self.groups[side]
+        options = {"targets": targets, "workers": cloud.workers}
+        ordered = [sorted(group) for group in groups]
+        done = []
+        for first in range(0, len(ordered), _SUMS):
+            some = ordered[first : first + _SUMS]
+            names = list(dict.fromkeys(name for group in some for _, name in group))
+            rows = [[(key, names.index(name)) for key, name in group] for group in some]
+            fields = [self.columns[name][0] for name in names]
+            done.append(grouped(scene, cloud.kernel, fields, rows, **options))
+        powers = [sum(group[0][0][1]) - sum(group[0][0][0]) for group in ordered]
+        h = cloud.h if targets is None else cloud.h[targets]
+        found = _Summed(done, powers, h)
+        if bound:
+            neighbours = max(one.neighbours for one in done)
+            found = found._replace(radii=self._radii(scene, cloud, side, neighbours, options))
+        return found
+
+    def _radii(
+        self, scene: Particles, cloud: Cloud, side: str, neighbours: int, options: dict[str, Any]
+    ) -> list[tuple[Grouped, int, float]]:
+        """Bounds of the sums, in units of h: where they are, and a factor. Sums of the same
+        requests have one in common.
+
+        Roundings: each of the neighbours and of the group adds one, and factors and scales are made
+        in at most _FACTORS. Where all have one h, |s^γ| <= κ^|γ|, and the sizes of a kernel's term
+        do for its moments.
+        """
+        groups, zero = self.groups[side], unit(cloud.dim, 0, 0)
+        ordered = [sorted(group) for group in groups]
+        classes: dict[Any, list[int]] = {}
+        factor = [1.0] * len(ordered)
+        for number, uses in enumerate(groups.values()):
+            delta, gamma = ordered[number][0][0]
+            degree = sum(gamma)
+            if scene.one_h:
+                factor[number], degree = (float(cloud.kernel.support) * 1.001) ** degree, 0
+            classes.setdefault((sum(delta), degree, frozenset(uses)), []).append(number)
+        result: dict[int, tuple[Grouped, int, float]] = {}
+        longest = max(len(group) for group in ordered)
+        room = 1 << (neighbours + longest + _FACTORS - 1).bit_length()
+        for order in dict.fromkeys(name[:2] for name in classes):
+            mine = [numbers for name, numbers in classes.items() if name[:2] == order]
+            keys = dict.fromkeys(
+                (delta, gamma if order[1] else zero)
+                for numbers in mine
+                for i in numbers
+                for (delta, gamma), _ in ordered[i]
+            )
+            fields = [
+                np.maximum.reduce([self._magnitude(ordered[i]) for i in numbers])
+                for numbers in mine
+            ]
+            bounds = sizes(scene, cloud.kernel, fields, keys, room, **options)
+            for row, numbers in enumerate(mine):
+                result |= {i: (bounds, row, factor[i]) for i in numbers}
+        return [result[i] for i in range(len(ordered))]
+
+    def _magnitude(self, group: list[tuple[Key, int]]) -> Array:
+        """Σ |columns|, and what they add up, of a group."""
+        total: Any = 0.0
+        for _, name in group:
+            for column in self.columns[name][1]:
+                total = total + np.abs(column)
+        return np.asarray(total)
 
 
 class _Names:
-    """Arrays by what they hold: forms make equal factors anew, which are to be summed once."""
+    """Numbers of arrays, equal for arrays that hold the same: forms make equal factors anew, which
+    are to be summed once."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Array, bytes]] = {}  # the array is kept, so its id stays its
+        self._known: dict[int, tuple[Array, int]] = {}  # the array is kept, so its id stays its
+        self._alike: dict[bytes, list[tuple[Array, int]]] = {}  # by a sample of their numbers
 
-    def __call__(self, array: Array) -> bytes:
+    def __call__(self, array: Array) -> int:
         if id(array) not in self._known:
-            data = np.ascontiguousarray(array).tobytes()
-            self._known[id(array)] = array, blake2b(data, digest_size=16).digest()
+            sample = np.ascontiguousarray(array[:: max(1, array.size // 64)]).tobytes()
+            others = self._alike.setdefault(sample, [])
+            name = next((n for other, n in others if np.array_equal(other, array)), None)
+            if name is None:
+                name = len(self._known)
+                others.append((array, name))
+            self._known[id(array)] = array, name
         return self._known[id(array)][1]
-
-
-def _passes(
-    cloud: Cloud,
-    side: str,
-    fields: list[Array],
-    keys: dict[int, dict[Key, None]],
-    bound: bool,
-    targets: Any,
-) -> dict[tuple[str, Key, int], tuple[Array, Any]]:
-    """The sums that are asked for on one side, in units of length, and their bounds."""
-    scene = cloud.scene(side)
-    every = list(dict.fromkeys(key for wanted in keys.values() for key in wanted))
-    groups: list[tuple[list[int], list[Key]]] = [(sorted(keys), every)]
-    if len(every) * len(fields) > _SUMS:
-        groups = [([f for f in sorted(keys) if key in keys[f]], [key]) for key in every]
-    found: dict[tuple[str, Key, int], tuple[Array, Any]] = {}
-    for chosen, some in groups:
-        done = one_pass(
-            scene,
-            cloud.kernel,
-            (),
-            fields=np.stack([fields[f] for f in chosen]),
-            field_keys=some,
-            bound=bound,
-            targets=targets,
-            workers=cloud.workers,
-        ).sums()
-        for key in some:
-            scale = _length_power(cloud.h[done.targets], key)
-            for row, f in enumerate(chosen):
-                radius = None
-                if bound:
-                    assert done.fields_bound is not None
-                    radius = done.fields_bound[key][row] * scale
-                found[side, key, f] = done.fields[key][row] * scale, radius
-    return found
 
 
 def _length_power(h: Array, key: Key) -> Array:

@@ -12,11 +12,10 @@ from sphtrunc.arithmetic.linear_systems import MOST_CONDITION
 from sphtrunc.arithmetic.summation import UNIT, Array, dd, dd_div
 from sphtrunc.experiment.fields import Sinusoid, Values
 from sphtrunc.experiment.measurement import PHASES, SIGMAS, Block, Measurement
-from sphtrunc.experiment.task import described
+from sphtrunc.experiment.task import described, is_still
 from sphtrunc.operators.moments import Moments
 from sphtrunc.operators.operator import Operator
 from sphtrunc.scenes.jittered import Jittered
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import Indices
 from sphtrunc.scenes.scene import Scene, every_target, sample, target_count
 
@@ -114,7 +113,7 @@ def gathered(task: Task, blocks: list[Block], interrupted: bool, seconds: float)
     pairs = np.concatenate([b.pairs for b in blocks])
     neighbours = np.concatenate([b.neighbours for b in blocks])
     condition = np.concatenate([b.condition for b in blocks])
-    lattice = isinstance(task.scene, Lattice)
+    lattice = is_still(task.scene)
     waves = bool(task.fields) and all(isinstance(f, Sinusoid) for f in task.fields)
     k = task.operator.derivatives
     scale: Any = max((f.amplitude(k) for f in task.fields), default=1.0)

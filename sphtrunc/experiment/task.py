@@ -41,6 +41,12 @@ class Task:
         return rows * rows if self.operator.form == NESTED and not alike else rows
 
 
+def is_still(scene: Any) -> bool:
+    """An undisplaced lattice, whose h may change from particle to particle: its one target is shown
+    all phases of a wave."""
+    return isinstance(getattr(scene, "base", scene), Lattice)
+
+
 def is_wave(fields: tuple[Field, ...]) -> bool:
     return bool(fields) and all(isinstance(one, Sinusoid) for one in fields)
 

@@ -30,9 +30,8 @@ from sphtrunc.experiment.fields import Sinusoid, sinusoid
 from sphtrunc.experiment.measurement import Block, Measurement
 from sphtrunc.experiment.neighbour_sums import Weights, exact_derivatives
 from sphtrunc.experiment.statistics import _chosen, gathered, relative_width, squares, until
-from sphtrunc.experiment.task import Task
+from sphtrunc.experiment.task import Task, is_still
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
-from sphtrunc.scenes.lattice import Lattice
 from sphtrunc.scenes.neighbourhood import CELLS, Indices
 from sphtrunc.scenes.scene import Scene, paired
 
@@ -91,7 +90,7 @@ def waves(
             if progress is not None:
                 progress(done, expected)
 
-    if rtol is None or isinstance(scene, Lattice):
+    if rtol is None or is_still(scene):
         chosen = _chosen(scene, targets, seed)
         run(chosen, chosen.size)
     else:
@@ -210,7 +209,7 @@ def _series(
     flat = moments.reshape(powers, -1)
     even = (series[:, ::2] @ flat[::2]).reshape(len(tasks), len(parts), -1)
     odd = (series[:, 1::2] @ flat[1::2]).reshape(len(tasks), len(parts), -1)
-    if isinstance(scene, Lattice):
+    if is_still(scene):
         sine, cosine = np.array([0.0, 1.0]), np.array([1.0, 0.0])
     else:
         (field,) = tasks[0].fields
@@ -227,7 +226,7 @@ def _twice(
     task, number, health = replace(tasks[0], fields=fields), Plain(), Health()
     s, volume = list(block.offset), np.asarray(block.volume)
     phases = (np.array([0.0, 1.0]), np.array([1.0, 0.0]))
-    lattice = isinstance(task.scene, Lattice)
+    lattice = is_still(task.scene)
     owns: list[Any] = [phases if lattice else f.own(target, task.seed, 0) for f in fields]
     found, _ = nested.estimate(task, number, block, s, volume, owns, health)
     errors = []

@@ -78,6 +78,11 @@ class Arrangement:
         """The same particles without wall and displacements, from another place."""
         return replace(self, offset=tuple(offset), wall=None, sigma=0.0)
 
+    def bare(self: A) -> A:
+        """The particles beside the wall without their ghosts."""
+        assert self.wall is not None
+        return replace(self, wall=replace(self.wall, ghosts="none", weight=self.wall.share))
+
     def beside(self: A, wall: Wall) -> A:
         """The particles on one side of a wall; where `wall.at` says how it lies among them, the
         offset along the first axis follows from that.
@@ -111,13 +116,8 @@ class Arrangement:
             )
 
     def require_unmoved_wall(self) -> None:
-        """Raises ValueError for displaced particles with ghosts, or on the wall."""
+        """Raises ValueError for displaced particles on the wall."""
         wall = self.wall
-        if wall is not None and wall.ghosts != "none":
-            raise ValueError(
-                f"ghosts: got {wall.ghosts} with displaced particles, which have no images;"
-                " expected none"
-            )
         if wall is not None and wall.share != 1 and self.wall_phase.denominator == 1:
             raise ValueError(
                 "jitter: a displaced particle is not on the wall; expected wall-weight 1, or"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.extended import Extended
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fractions
 from sphtrunc.arithmetic.summation import Array
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood, assemble
@@ -68,9 +70,8 @@ class Graded:
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (1, N, T); the offsets are the
@@ -91,22 +92,14 @@ class Graded:
                         " spacing"
                     )
         offset = np.stack(rows)[None]
-        nothing = [np.zeros_like(offset[0])]
-        return assemble(
-            "cell",
-            (0.0, 0.0),
-            offset,
-            nothing if extended else [],
-            nothing if errors else [],
-            target,
-            kernel,
-            reach,
-        )
+        nothing = [np.zeros_like(offset[0])] if number.wide or number.bounded else []
+        return assemble(number, "cell", (0.0, 0.0), offset, nothing, target, kernel, reach)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (1, N) and volumes (N,) of one target as arrays of Fractions."""
-        block = self.neighbourhood(np.array([target]), kernel, extended=True, reach=reach)
-        low = np.zeros_like(block.volume) if block.volume_low is None else block.volume_low
+        block = self.neighbourhood(np.array([target]), kernel, Extended(), reach=reach)
+        assert block.beside is not None
+        low = block.beside.volume
         inside = np.abs(block.offset[0, :, 0]) <= reach * float(kernel.support)
         volume = fractions(block.volume[inside, 0]) + fractions(low[inside, 0])
         return fractions(block.offset[:, inside, 0]), volume

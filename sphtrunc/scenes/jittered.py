@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import Array, dd_add, dd_from_ratio, dd_mul, two_sum
 from sphtrunc.scenes import random_numbers as jitter
 from sphtrunc.scenes.arrangement import Arrangement
 from sphtrunc.scenes.lattice import Lattice, _exact_positions, _positions, _stencil, _whole
-from sphtrunc.scenes.neighbourhood import EDGE, assemble
+from sphtrunc.scenes.neighbourhood import EDGE, Beside, Ghosts, assemble, wanted
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.sites import KINDS, units
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 
+#: s, (d, N, T), and by axis what an arithmetic wants beside it, if it does
+Offsets: TypeAlias = tuple[Array, list[Array]]
 UNMOVED: Any = {"sigma": 0.0, "distribution": "gaussian"}
 
 
@@ -128,22 +131,36 @@ class Jittered(Arrangement):
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles within so many supports of the targets, (d, N, T), N the largest number."""
         m = self._sites(kernel, reach)
-        base, base_low = _positions(self, m, Fraction(1), extended or errors)
-        dx_over_h = dd_from_ratio(*self.dx_over_h.as_integer_ratio())
+        base = _positions(self, m, Fraction(1), number.wide or number.bounded)
         origin = jitter.place(self.origin(target))
         place = jitter.place(m)[:, None] + origin
         own = self._own(origin)
-        offset = np.empty((self.dim, *place.shape))
-        low, error = [], []
-        for axis, u in enumerate(self._displacement(place)):
-            row, mine = base[axis][:, None], own[axis]
+        fluid = self._offsets(base, self._displacement(place), own, number)
+        volume = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
+        if self.wall is not None and self.wall.ghosts != "none":
+            return self._with_ghosts(fluid, volume, target, kernel, origin, number)
+        return assemble(number, self.volume, volume, *fluid, target, kernel, reach)
+
+    def _offsets(
+        self,
+        base: tuple[Array, Array | None],
+        displacement: Iterator[Array],
+        own: list[Array],
+        number: Any,
+    ) -> Offsets:
+        """(base + u − u_a) Δx/h."""
+        dx_over_h = dd_from_ratio(*self.dx_over_h.as_integer_ratio())
+        rows, base_low = base
+        offset = np.empty((self.dim, rows.shape[1], own[0].size))
+        beside = []
+        for axis, u in enumerate(displacement):
+            row, mine = rows[axis][:, None], own[axis]
             if base_low is not None:
                 difference = two_sum(u, np.broadcast_to(-mine, u.shape))
                 both = dd_add(difference, (row, base_low[axis][:, None]))
@@ -151,14 +168,69 @@ class Jittered(Arrangement):
             u -= mine
             s = np.add(u, row, out=offset[axis])
             s *= dx_over_h[0]
-            if extended:
+            if number.wide:
                 offset[axis], rest = fine
-                low.append(rest)
-            elif errors:  # what the rounded formula is off by
+                beside.append(rest)
+            elif number.bounded:  # what the rounded formula is off by
                 gap = np.abs((fine[0] - s) + fine[1])
-                error.append(gap * EDGE + 2.0**-84 * np.abs(s))
-        volume = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
-        return assemble(self.volume, volume, offset, low, error, target, kernel, reach)
+                beside.append(gap * EDGE + 2.0**-84 * np.abs(s))
+        return offset, beside
+
+    def _with_ghosts(
+        self,
+        fluid: Offsets,
+        volume: tuple[float, float],
+        target: Indices,
+        kernel: Kernel,
+        origin: jitter.Bits,
+        number: Any,
+    ) -> Neighbourhood:
+        """The fluid and behind it the images of displaced particles, as the displaced target sees
+        them, or dummies, which stay where the lattice would go on."""
+        home, wall = self.lattice, self.wall
+        assert wall is not None
+        wide, own = number.wide or number.bounded, self._own(origin)
+        mirrored = wall.ghosts in ("mirror", "odd")
+        shift = 2 * wall.eta / home.dx_over_h if mirrored else Fraction(0)
+        there = replace(home, offset=(home.offset[0] + shift, *home.offset[1:]), wall=None)
+        slack = self.largest * (2.0 if self.target_moves else 1.0)
+        others = _stencil(there, kernel, slack)
+        edge = -home.wall_phase
+        others = others[:, others[0] >= edge if mirrored else others[0] < edge]
+        s, s_low = _positions(there, others, Fraction(1), wide)
+        if mirrored:
+            s[0] *= -1.0  # −(x + 2η) − u_b − u_a along the normal
+            if s_low is not None:
+                s_low[0] *= -1.0
+            place = jitter.place(others)[:, None] + origin
+            moved = self._displacement(place)
+            moved = (-u if axis == 0 else u for axis, u in enumerate(moved))
+            before = _positions(home, others, Fraction(1), wide)
+            originals = self._offsets(before, self._displacement(place), own, number)
+        else:
+            none = np.zeros((others.shape[1], target.size))
+            moved = (none.copy() for _ in range(self.dim))
+        beyond = self._offsets((s, s_low), moved, own, number)
+        offset, beside = _joined(fluid, beyond)
+        ratio = dd_from_ratio(*home.dx_over_h.as_integer_ratio())
+        far = dd_from_ratio(*(-wall.eta).as_integer_ratio())
+        step = dd_mul((-own[0], np.zeros_like(own[0])), (np.array(ratio[0]), np.array(ratio[1])))
+        ghosts = Ghosts(
+            kind=wall.ghosts,
+            rows=(np.arange(offset.shape[1]) >= fluid[0].shape[1])[:, None],
+            wall=dd_add(step, (np.array(far[0]), np.array(far[1]))),
+        )
+        if mirrored:
+            image, more = _joined(fluid, originals)
+            ghosts = replace(ghosts, image=image[0], beside=more[0] if wide else None)
+        rest = wanted(number, np.full((1, 1), volume[1])) if wide else None
+        return Neighbourhood(
+            offset=offset,
+            volume=np.full((1, 1), volume[0]),
+            target=target,
+            beside=None if rest is None else Beside(np.stack(beside), rest),
+            ghosts=ghosts,
+        )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Offsets (d, N) and volumes (N,) of one target as arrays of Fractions."""
@@ -174,6 +246,12 @@ class Jittered(Arrangement):
             offset = offset[:, 1:-1]
         near = (offset * offset).sum(axis=0) <= (reach * fraction(kernel.support)) ** 2
         return offset[:, near], volume[near]
+
+
+def _joined(one: Offsets, other: Offsets) -> Offsets:
+    """The rows of both, one after the other."""
+    beside = [np.concatenate(pair) for pair in zip(one[1], other[1], strict=True)]
+    return np.concatenate([one[0], other[0]], axis=1), beside
 
 
 def jittered(

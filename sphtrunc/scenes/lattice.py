@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction
 from sphtrunc.arithmetic.summation import Array, dd_from_ratio
 from sphtrunc.scenes.arrangement import Arrangement
-from sphtrunc.scenes.neighbourhood import EDGE, Ghosts, summed
+from sphtrunc.scenes.neighbourhood import Beside, Ghosts, summed, wanted
 from sphtrunc.scenes.neighbourhood import Indices as Indices
 from sphtrunc.scenes.neighbourhood import Neighbourhood as Neighbourhood
 from sphtrunc.scenes.random_numbers import MOST_INDICES as MOST_INDICES
@@ -51,41 +51,34 @@ class Lattice(Arrangement):
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """The stencil out to so many supports, (d, N, 1): exact numbers, rounded once."""
         if self.wall is not None:
-            return _cut(self, self.wall, target, kernel, extended, errors, reach)
+            return _cut(self, self.wall, target, kernel, number, reach)
         m = _stencil(self, kernel, reach=reach)
-        s, low = _positions(self, m, self.dx_over_h, extended or errors)
-        rest = None if low is None else low[:, :, None]
+        exactly = number.wide or number.bounded
+        s, low = _positions(self, m, self.dx_over_h, exactly)
         volume, volume_low = dd_from_ratio(*(self.dx_over_h**self.dim).as_integer_ratio())
-        hi, lo = np.full((1, 1), volume), np.full((1, 1), volume_low)
-        error: Array | None = np.abs(lo) * EDGE
+        hi, more = np.full((1, 1), volume), wanted(number, np.full((1, 1), volume_low))
         if self.volume == "summation":
             home = self.seen_from()
             sites = _stencil(home, kernel)
-            around, after = _positions(home, sites, self.dx_over_h, extended or errors)
-            there: list[Any] = [(s_i[:, None], None, None) for s_i in around]
+            around, after = _positions(home, sites, self.dx_over_h, exactly)
+            there: list[Any] = [(s_i[:, None], None) for s_i in around]
             if after is not None:
                 there = [
-                    (a[:, None], b[:, None], np.abs(b[:, None]) * EDGE)
+                    (a[:, None], wanted(number, b[:, None]))
                     for a, b in zip(around, after, strict=True)
                 ]
-            origin = [(np.zeros((1, 1)), None, None)] * self.dim
-            hi, lo = summed(arithmetic_for(extended, errors), origin, there, kernel)
-            error = lo
+            hi, more = summed(number, [(np.zeros((1, 1)), None)] * self.dim, there, kernel)
         return Neighbourhood(
             offset=s[:, :, None],
             volume=hi,
             target=target,
-            offset_low=rest if extended else None,
-            volume_low=lo if extended else None,
-            offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
-            volume_error=error if errors else None,
+            beside=None if low is None else Beside(wanted(number, low[:, :, None]), more),
         )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
@@ -194,14 +187,13 @@ def _cut(
     wall: Wall,
     target: Indices,
     kernel: Kernel,
-    extended: bool,
-    errors: bool,
+    number: Any,
     reach: int,
 ) -> Neighbourhood:
     """The stencil on the fluid's side of a wall, (d, N, 1), and behind it the ghosts."""
     lattice.require_seen(fraction(kernel.support))
     m = _stencil(lattice, kernel, reach=reach)
-    wide, edge = extended or errors, -lattice.wall_phase
+    wide, edge = number.wide or number.bounded, -lattice.wall_phase
     here = _positions(lattice, m, lattice.dx_over_h, wide)
     parts, images, on_wall = [here], [here], [_on_wall(lattice, m)]
     mirrored = wall.ghosts in ("mirror", "odd")
@@ -220,7 +212,6 @@ def _cut(
                 low[0] *= -1.0
         parts.append((s, low))
     s, low = _joined(parts)
-    rest = None if low is None else low[:, :, None]
     cell = lattice.dx_over_h**lattice.dim
     volumes = np.array([dd_from_ratio(*v.as_integer_ratio()) for v in (cell, cell * wall.share)])
     volume, volume_low = volumes[np.concatenate(on_wall).astype(np.intp)].T[:, :, None]
@@ -233,21 +224,18 @@ def _cut(
         )
         if mirrored:
             image, below = _joined(images)
-            side = None if below is None else below[0][:, None]
             ghosts = replace(
                 ghosts,
                 image=image[0][:, None],
-                image_low=side if extended else None,
-                image_error=np.abs(side) * EDGE if errors and side is not None else None,
+                beside=None if below is None else wanted(number, below[0][:, None]),
             )
     return Neighbourhood(
         offset=s[:, :, None],
         volume=volume,
         target=target,
-        offset_low=rest if extended else None,
-        volume_low=volume_low if extended else None,
-        offset_error=np.abs(rest) * EDGE if errors and rest is not None else None,
-        volume_error=np.abs(volume_low) * EDGE if errors else None,
+        beside=None
+        if low is None
+        else Beside(wanted(number, low[:, :, None]), wanted(number, volume_low)),
         ghosts=ghosts,
     )
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphtrunc.arithmetic.precision import arithmetic_for
+from sphtrunc.arithmetic.plain import PLAIN
+from sphtrunc.arithmetic.precision import for_volumes
 from sphtrunc.arithmetic.rational import fraction, fractions
 from sphtrunc.arithmetic.summation import (
     TINY,
@@ -24,7 +25,7 @@ from sphtrunc.arithmetic.summation import (
 )
 from sphtrunc.kernels.values import kernel_values
 from sphtrunc.operators.h_rules import RULES
-from sphtrunc.scenes.neighbourhood import EDGE, Indices, Neighbourhood
+from sphtrunc.scenes.neighbourhood import EDGE, Beside, Indices, Neighbourhood
 
 if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
@@ -165,43 +166,37 @@ class Particles:
             hi, lo = dd_add((hi, lo), two_product(-turns, np.full_like(hi, box)))
         return hi, lo
 
-    def neighbourhood(
-        self, target: Indices, kernel: Kernel, *, extended: bool = False, errors: bool = False
-    ) -> Neighbourhood:
+    def neighbourhood(self, target: Indices, kernel: Kernel, number: Any = PLAIN) -> Neighbourhood:
         """All neighbours of the targets, (d, N, T), in the order of the particles."""
-        block = self.around(target, kernel, extended, errors)
+        block = self.around(target, kernel, number)
         particle, h = block.particle, self.h[target]
         assert particle is not None
-        v_low = np.zeros(particle.shape)
+        more = np.zeros(particle.shape)
         if self.given is not None:
             v = self.given[particle]
         elif self.volume == "cell":
             v = self._cells()[particle]
         else:
-            volume, more = self._summed(kernel, extended, errors)
-            v, v_low = volume[particle], more[particle]
-        v, v_low = (np.where(particle < 0, 0.0, x) for x in (v, v_low))
-        v_error = v_low
+            volume, rest = self._summed(kernel, number)
+            v, more = volume[particle], rest[particle]
+        v, more = (np.where(particle < 0, 0.0, x) for x in (v, more))
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(self.dim):
-                if extended:
-                    v, v_low = dd_div((v, v_low), dd(np.broadcast_to(h, v.shape)))
+                if number.wide:
+                    v, more = dd_div((v, more), dd(np.broadcast_to(h, v.shape)))
                 else:
-                    v, v_error = v / h, v_error / h
+                    v, more = v / h, more / h
         if not np.all(v < 1e100):
             raise ValueError(
                 f"volume: got V/h^d = {float(v.max()):.1e}, expected a volume of about h^d"
             )
-        return replace(
-            block,
-            volume=v,
-            volume_low=v_low if extended else None,
-            volume_error=(v_error + (self.dim + 3) * UNIT * v) * EDGE if errors else None,
-        )
+        if block.beside is None:
+            return replace(block, volume=v)
+        if number.bounded:
+            more = (more + (self.dim + 3) * UNIT * v) * EDGE
+        return replace(block, volume=v, beside=block.beside._replace(volume=more))
 
-    def around(
-        self, target: Indices, kernel: Kernel, extended: bool = False, errors: bool = False
-    ) -> Neighbourhood:
+    def around(self, target: Indices, kernel: Kernel, number: Any = PLAIN) -> Neighbourhood:
         """The neighbours of the targets without their volumes, whatever the kernel but its support:
         (d, N, T) as `neighbourhood`."""
         lists = self._neighbours(target, kernel)
@@ -217,7 +212,7 @@ class Particles:
         offset, low = [], []
         for axis in range(self.dim):
             hi, lo = self._difference(particle, target, axis)
-            if extended:
+            if number.wide:
                 hi, lo = dd_div((hi, lo), dd(np.broadcast_to(h, hi.shape)))
                 low.append(np.where(absent, 0.0, lo))
             else:
@@ -226,14 +221,20 @@ class Particles:
             offset.append(hi)
         s = np.stack(offset)
         stretch: Array | None = None
-        stretch_low: Array | None = None
+        more: Array | None = None
         if not self.one_h:
             h_b = self.h[particle]
             both = two_sum(0.5 * h, 0.5 * h_b) if self.mode == "mean" else dd(h_b)
             stretch = h / both[0]
-            if extended:
-                stretch, stretch_low = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
-        rounded = (2.0 + 1e-9) * UNIT  # a difference or a sum, and a quotient
+            if number.wide:
+                stretch, more = dd_div(dd(np.broadcast_to(h, h_b.shape)), both)
+        beside, none = None, np.zeros((1, 1))
+        if number.wide:
+            beside = Beside(np.stack(low), none, more)
+        elif number.bounded:
+            rounded = (2.0 + 1e-9) * UNIT  # a difference or a sum, and a quotient
+            more = None if stretch is None else rounded * stretch
+            beside = Beside(rounded * np.abs(s), none, more)
         return Neighbourhood(
             offset=s,
             volume=np.zeros((1, 1)),
@@ -242,10 +243,7 @@ class Particles:
             stretch=stretch,
             mean_kernel=self.mode == "mean-kernel",
             h=h,
-            offset_low=np.stack(low) if extended else None,
-            stretch_low=stretch_low,
-            offset_error=rounded * np.abs(s) if errors else None,
-            stretch_error=rounded * stretch if errors and stretch is not None else None,
+            beside=beside,
         )
 
     def _cells(self) -> Array:
@@ -268,18 +266,16 @@ class Particles:
             self._trees["cells"] = volume
         return np.asarray(self._trees["cells"])
 
-    def _summed(
-        self, kernel: Kernel, extended: bool = False, errors: bool = False
-    ) -> tuple[Array, Array]:
-        """m_a/ρ_a, ρ_a = Σ_b m_b W(x_b − x_a, h_ab), and what the arithmetic holds beside it, (n,):
-        for all particles, once for a kernel."""
-        name = f"summed {extended} {errors}"
+    def _summed(self, kernel: Kernel, number: Any = PLAIN) -> tuple[Array, Array]:
+        """m_a/ρ_a, ρ_a = Σ_b m_b W(x_b − x_a, h_ab), and what is wanted beside it, (n,): for all
+        particles, once for a kernel."""
+        number = for_volumes(number)
+        name = f"summed {type(number).__name__}"
         if self._trees.get(f"{name} for") != kernel:
-            number = arithmetic_for(extended, errors)
             volume, rest = np.empty((2, self.population))
             for first in range(0, self.population, 256):
                 target = np.arange(first, min(first + 256, self.population), dtype=np.int64)
-                block = self.around(target, kernel, extended, errors)
+                block = self.around(target, kernel, number)
                 assert block.particle is not None
                 mass = np.where(block.particle < 0, 0.0, self.mass[block.particle])
                 q, weight = number.length(block.offsets(number)), number.number(mass)

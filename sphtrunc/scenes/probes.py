@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.summation import Array
 from sphtrunc.scenes import random_numbers
 from sphtrunc.scenes.neighbourhood import Indices, Neighbourhood
 from sphtrunc.scenes.particles import Particles
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from sphtrunc.kernels.kernel import Kernel
 
 POINTS = 4096  # drawn where no number is given
@@ -86,9 +85,8 @@ class Probes:
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """All particles around the points, as `Particles.neighbourhood`.
@@ -97,10 +95,10 @@ class Probes:
         """
         if reach != 1:
             raise ValueError("at: the nested form has no random points; expected particles")
-        block = self._joint(kernel).neighbourhood(
-            target + self.home.population, kernel, extended=extended, errors=errors
+        joint = self._joint(kernel)
+        return replace(
+            joint.neighbourhood(target + self.home.population, kernel, number), target=target
         )
-        return replace(block, target=target)
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:
         """Raises ValueError: points at random are not exact numbers of anybody."""

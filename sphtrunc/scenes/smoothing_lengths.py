@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sphtrunc.arithmetic.plain import PLAIN
 from sphtrunc.arithmetic.rational import exact, fraction, fractions
 from sphtrunc.arithmetic.summation import (
     UNIT,
@@ -89,15 +90,14 @@ class Sloped:
         self,
         target: Indices,
         kernel: Kernel,
+        number: Any = PLAIN,
         *,
-        extended: bool = False,
-        errors: bool = False,
         reach: int = 1,
     ) -> Neighbourhood:
         """The neighbours of the scene, with h_a/h_ab beside each."""
-        block = self.base.neighbourhood(
-            target, kernel, extended=extended, errors=errors, reach=reach * self.reach(kernel)
-        )
+        wider = reach * self.reach(kernel)
+        block = self.base.neighbourhood(target, kernel, number, reach=wider)
+        beside = block.beside
         length = np.ones(block.offset.shape[1:])
         wide: DoubleDouble = dd(length)
         error = np.zeros_like(length)
@@ -108,32 +108,29 @@ class Sloped:
             s = block.offset[axis]
             length = length + high * s
             error += abs(high) * (4.0 * UNIT * np.abs(s))
-            if block.offset_error is not None:
-                error += abs(high) * block.offset_error[axis]
-            if extended:
-                rest = np.zeros_like(s) if block.offset_low is None else block.offset_low[axis]
+            if number.bounded and beside is not None:
+                error += abs(high) * beside.offset[axis]
+            if number.wide and beside is not None:
                 steep = (np.full_like(s, high), np.full_like(s, low))
-                wide = dd_add(wide, dd_mul(steep, (s, rest)))
+                wide = dd_add(wide, dd_mul(steep, (s, beside.offset[axis])))
         # where h falls to 0 is beyond any support: the offset itself says so
         inside = length > 0.5 * UNIT
         length = np.where(inside, length, 1.0)
-        stretch, stretch_low = 1.0 / length, None
-        if extended:
+        stretch, more = 1.0 / length, None
+        if number.wide:
             high_part, low_part = (
                 np.where(inside, part, value) for part, value in zip(wide, (1.0, 0.0), strict=True)
             )
-            stretch, stretch_low = dd_div(dd(np.ones_like(length)), (high_part, low_part))
-        bound = None
-        if errors:
+            stretch, more = dd_div(dd(np.ones_like(length)), (high_part, low_part))
+        elif number.bounded:
             off = error + (self.dim + 1.0) * UNIT * np.abs(length)
             room = np.maximum(length - off, UNIT * length)
-            bound = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
+            more = np.where(inside, (off / room + UNIT) * stretch * EDGE, 0.0)
         return replace(
             block,
             stretch=stretch,
             mean_kernel=self.rule == "mean-kernel",
-            stretch_low=stretch_low,
-            stretch_error=bound,
+            beside=None if beside is None else beside._replace(stretch=more),
         )
 
     def exact_neighbourhood(self, target: int, kernel: Kernel, reach: int = 1) -> tuple[Any, Any]:

@@ -35,7 +35,7 @@ from sphtrunc.theory.field_error import Split, predict_fields
 from sphtrunc.theory.fields import Signals, Taylor, Waves
 from sphtrunc.theory.limit import continuous_sum
 from sphtrunc.theory.variable_h.graded_spacing import graded_moments
-from sphtrunc.theory.variable_h.scenes import predict_varying
+from sphtrunc.theory.variable_h.scenes import Slope, predict_varying
 
 
 def of_lattice(scene: Scene) -> Arrangement:
@@ -45,11 +45,6 @@ def of_lattice(scene: Scene) -> Arrangement:
     """
     if isinstance(scene, Arrangement):
         return scene
-    if isinstance(scene, Sloped):
-        raise ValueError(
-            "scene: with a gradient of h there is theory for moments, not for fields; expected"
-            " moments alone"
-        )
     raise ValueError(
         "scene: there is no such theory for graded particles; expected a lattice, with or without"
         " jitter, or explicit particles in a periodic box"
@@ -67,9 +62,9 @@ def predict_moments(
     """
     if by_structure(scene):
         return predict_by_structure(scene, kernel, operator, degree)
-    if isinstance(scene, Sloped):
+    if isinstance(scene, Sloped) and not isinstance(scene.base, Graded):
         return _predict_sloped(scene, parse_kernel(kernel), operator, degree)
-    if isinstance(scene, Graded):
+    if _is_graded(scene):
         rows = _graded(scene, parse_kernel(kernel), operator, degree)
         mean = {a: float(np.mean([row[a] for row in rows])) for a in rows[0]}
         exact = operator.consistency  # up to this degree every row is the same but for rounding
@@ -78,17 +73,26 @@ def predict_moments(
     return predict(parse_kernel(kernel), operator, of_lattice(scene), degree=degree)
 
 
+def _is_graded(scene: Scene) -> bool:
+    return isinstance(getattr(scene, "base", scene), Graded)
+
+
+def _slope(scene: Scene) -> Slope | None:
+    return Slope(scene.gradient, scene.rule) if isinstance(scene, Sloped) else None
+
+
 def _graded(
-    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, degree: int
+    scene: Scene, kernel: Kernel | Gaussian, operator: Operator, degree: int
 ) -> list[dict[MultiIndex, float]]:
-    """The predicted moments at every target of a graded scene."""
+    """The predicted moments at every target of a graded scene, h with a gradient or without."""
     if not isinstance(kernel, Kernel):
         raise ValueError(
             f"scene: for graded particles there is theory for polynomials, {kernel.name} is none"
         )
+    base: Any = getattr(scene, "base", scene)
     return [
-        graded_moments(kernel, operator, scene.spacing, at, scene.offset, degree)
-        for at in scene.positions
+        graded_moments(kernel, operator, base.spacing, at, base.offset, degree, _slope(scene))
+        for at in base.positions
     ]
 
 
@@ -96,7 +100,7 @@ _WAVE = 12  # moments that a wave is expanded in
 
 
 def _graded_error(
-    scene: Graded, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
+    scene: Scene, kernel: Kernel | Gaussian, operator: Operator, field: Sinusoid | Polynomial
 ) -> Split:
     """The rms error over targets, and over the phase of a sinusoid, from the moments."""
     wave = isinstance(field, Sinusoid)
@@ -113,7 +117,9 @@ def _graded_error(
     degree = max(max(alpha) for alpha in taylor)
     rows = _graded(scene, kernel, operator, degree)
     target = operator.target(1)
-    sums = {key: continuous_sum(parse_kernel(kernel), key) for key in operator.needed(1, degree)}
+    shape, slope = parse_kernel(kernel), _slope(scene)
+    moment = continuous_sum if slope is None else slope.moment
+    sums = {key: moment(shape, key) for key in operator.needed(1, degree)}
     limit = operator.correct(sums, 1, degree)
 
     def error(moments: Mapping[MultiIndex, Any]) -> complex:
@@ -240,11 +246,14 @@ def predict_error(
                 " polynomial or a mapping from multi-indices to derivatives"
             )
         signals = Taylor([field.coefficients], field.amplitude(operator.derivatives))
-    if isinstance(scene, Graded):
+    if _is_graded(scene):
         return _graded_error(scene, kernel, operator, field)
     if by_structure(scene):
         return errors_by_structure(scene, kernel, operator, signals, precision)[0]
-    return predict_fields(kernel, operator, of_lattice(scene), signals, precision=precision)[0]
+    home = of_lattice(getattr(scene, "base", scene))
+    return predict_fields(
+        kernel, operator, home, signals, precision=precision, slope=_slope(scene)
+    )[0]
 
 
 def beside(

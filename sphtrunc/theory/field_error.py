@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import pi
 from typing import TYPE_CHECKING
 
@@ -27,11 +28,14 @@ from sphtrunc.theory.disorder.averages import Particles
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.disorder.sampling import displaced
 from sphtrunc.theory.fields import Signals, Waves
+from sphtrunc.theory.walls.moments import cut_number, require
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.scenes.arrangement import Arrangement
+    from sphtrunc.theory.fields import Moment
+    from sphtrunc.theory.variable_h.scenes import Slope
 
 ROUNDED = 0.42  # rms of the rounding to nearest of one number, in units of u times its size
 
@@ -81,16 +85,18 @@ def predict_fields(
     signals: Signals,
     *,
     precision: str = "plain",
+    slope: Slope | None = None,
 ) -> list[Split]:
     """The error for each of K signals.
 
     precision: in which the sums are evaluated, as for `measure`
+    slope: how h changes from particle to particle, which carry theirs along
 
     Displacements may be of any size. Where they are sampled, the uncertainty of the total is given;
     elsewhere it is good to 1 %, which are the orders beyond the curvature that u_a has in common.
 
-    Raises ValueError for vector operators, where a correction is singular, and beside a wall for
-    ghosts and the nested form.
+    Raises ValueError for vector operators, where a correction is singular, beside a wall for ghosts
+    and the nested form, and with a gradient of h for all that `slope` is not followed in.
     """
     if operator.name in ("divergence", "curl"):
         raise ValueError(f"operator: no prediction for {operator.name}, expected a scalar operator")
@@ -103,17 +109,19 @@ def predict_fields(
     dim = scene.dim
     nested = operator.form == NESTED
     exact = _exact(operator, dim, signals)
-    limit = signals.limit_error(kernel, operator, None if scene.wall is None else scene.wall.eta)
+    limit = signals.limit_error(kernel, operator, _base_sums(kernel, operator, scene, slope))
     if nested:
         seen = SecondNeighbours(kernel, operator, scene)
         value, noise = seen.estimate(signals)
         neighbours = len(seen.near)
     else:
-        particles = Particles(kernel, scene)
+        particles = Particles(kernel, scene, slope)
         here = particles.points[:, None, :]
         value, _, noise = particles.estimate(operator, signals, here, np.ones(1))
         neighbours = particles.neighbours
-    if scene.paired and isinstance(signals, Waves):  # of odd and even weights at ±s
+    if (
+        scene.paired and slope is None and isinstance(signals, Waves)
+    ):  # of odd and even weights at ±s
         value[:, :, 1 - operator.derivatives % 2] = 0.0
     # what the rounding of these very sums can explain is no discretisation error
     unresolved = (depth(neighbours) + 8) * UNIT * neighbours**0.5 * noise
@@ -123,7 +131,7 @@ def predict_fields(
     mean, variance, known = still, np.zeros_like(still), np.zeros(len(still))
     if scene.sigma:
         apart = scene.volume == "constant" and scene.distribution != "blue"
-        if operator.uncorrected and apart:
+        if (operator.uncorrected and apart) or slope is not None:
             mean, variance = particles.scattered(operator, signals)
             mean = mean - exact
         else:
@@ -142,6 +150,18 @@ def predict_fields(
     uncertainty = known * scale**2 / np.where(known > 0, 2.0 * total**2, 1.0)
     columns = (total, rms(limit), rms(still - limit), disorder, rounding, uncertainty)
     return [Split(*(float(x) for x in row)) for row in zip(*columns, strict=True)]
+
+
+def _base_sums(
+    kernel: Kernel, operator: Operator, scene: Arrangement, slope: Slope | None
+) -> Moment | None:
+    """m[δ, α] for Δx/h → 0 beside a wall or with a gradient of h; None without either."""
+    if slope is not None:
+        slope.require(kernel, operator, scene)
+        return partial(slope.moment, kernel)
+    if scene.wall is not None:
+        return partial(cut_number, require(kernel, operator), operator, eta=scene.wall.eta)
+    return None
 
 
 def floor(noise: Array, estimate: Array, neighbours: int, precision: str) -> Array:

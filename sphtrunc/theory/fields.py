@@ -6,9 +6,8 @@ Offsets s are in units of h, and so are derivatives; K signals of F parts each g
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cache, lru_cache
 from itertools import product
 from math import factorial, prod, sqrt
@@ -22,7 +21,6 @@ from sphtrunc.operators.moments import MultiIndex, add, multi_indices, unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, lowered, monomial
 from sphtrunc.theory.limit import continuous_sum
-from sphtrunc.theory.walls.moments import cut_number, require
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -30,7 +28,9 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 _SERIES = 60  # terms of the continuous limit
-MOST_BESIDE = 400  # derivatives of a wave beside a wall
+MOST_TERMS = 400  # derivatives of a wave where another direction counts
+
+Moment: TypeAlias = Callable[[Key], Any]  # base sums for Δx/h → 0, m[δ, α]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +71,12 @@ class Waves:
         return sqrt(2.0) * self.kappa**order
 
     def limit_error(
-        self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction | None = None
+        self, kernel: Kernel | Gaussian, operator: Operator, moment: Moment | None = None
     ) -> Array:
         """E for Δx/h → 0 less the exact derivative, (K, C, F): that along the first axis, rotated,
-        as kernels are isotropic; at a distance η from a wall the series of the wave itself."""
-        if eta is not None:
-            return self._beside(kernel, operator, eta)
+        as kernels are isotropic; where the base sums are others, the series of the wave itself."""
+        if moment is not None:
+            return self._series(kernel, operator, moment)
         dim, n = len(self.direction), self.direction
         ahead = Waves(self.kappa, np.eye(dim)[0])
         axis = [unit(dim, 0, m) for m in range(_SERIES)]
@@ -90,8 +90,9 @@ class Waves:
         turned = [np.prod(n**mu) * (along - across) + (max(mu) == 2) * across for mu in rows]
         return np.stack(turned, axis=1)
 
-    def _beside(self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction) -> Array:
-        """Beside a wall, which has a direction: up to the derivatives that no longer add a digit.
+    def _series(self, kernel: Kernel | Gaussian, operator: Operator, moment: Moment) -> Array:
+        """Where there is a direction besides that of the wave: up to the derivatives that no longer
+        add a digit.
 
         Raises ValueError for waves so short that there are too many of them.
         """
@@ -106,13 +107,13 @@ class Waves:
             for alpha in multi_indices(dim, degree)
             if all(i in along or not n for i, n in enumerate(alpha))
         ]
-        if degree > _SERIES or len(alphas) > MOST_BESIDE:
+        if degree > _SERIES or len(alphas) > MOST_TERMS:
             raise ValueError(
-                f"h_over_lambda: a wave with kκh = {reach:.3g} beside a wall is not predicted;"
-                " expected a longer one, or one along an axis"
+                f"h_over_lambda: a wave with kκh = {reach:.3g} beside a wall, or with a gradient of"
+                " h, is not predicted; expected a longer one, or one along an axis"
             )
         derivatives = {alpha: self.derivative(alpha) for alpha in alphas}
-        return _limit_error(kernel, operator, dim, derivatives, eta)
+        return _limit_error(kernel, operator, dim, derivatives, moment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,13 +162,13 @@ class Taylor:
         return np.full(len(self.coefficients), self.scale)
 
     def limit_error(
-        self, kernel: Kernel | Gaussian, operator: Operator, eta: Fraction | None = None
+        self, kernel: Kernel | Gaussian, operator: Operator, moment: Moment | None = None
     ) -> Array:
-        """E for Δx/h → 0 less the exact derivative, (K, C, F); at a distance η from a wall."""
+        """E for Δx/h → 0 less the exact derivative, (K, C, F); moment: base sums, if others."""
         alphas = dict.fromkeys(alpha for one in self.coefficients for alpha in one)
         dim = len(next(iter(alphas)))
         derivatives = {alpha: self.derivative(alpha) for alpha in alphas}
-        return _limit_error(kernel, operator, dim, derivatives, eta)
+        return _limit_error(kernel, operator, dim, derivatives, moment)
 
 
 Signals: TypeAlias = Waves | Taylor
@@ -178,12 +179,16 @@ def _limit_error(
     operator: Operator,
     dim: int,
     derivatives: Mapping[MultiIndex, Array],
-    eta: Fraction | None = None,
+    moment: Moment | None = None,
 ) -> Array:
     """Σ_μ (limit M_μ/μ! − exact) A^{(μ)}, (K, C, F): E for Δx/h → 0 less the exact derivative, from
     the derivatives (K, F) of the signal at the target. The differences are exact, so that a small
     error keeps its digits."""
-    rows = _limit_errors(kernel, operator, dim, tuple(derivatives), eta)
+    alphas = tuple(derivatives)
+    if moment is None:
+        rows = _limit_errors(kernel, operator, dim, alphas)
+    else:
+        rows = _errors_of(moment, operator, dim, alphas)
     none = np.zeros_like(next(iter(derivatives.values())))
     return np.stack(
         [sum((x * row[mu] for mu, x in derivatives.items()), none) for row in rows], axis=1
@@ -192,23 +197,23 @@ def _limit_error(
 
 @lru_cache(maxsize=256)
 def _limit_errors(
-    kernel: Kernel | Gaussian,
-    operator: Operator,
-    dim: int,
-    alphas: tuple[MultiIndex, ...],
-    eta: Fraction | None = None,
+    kernel: Kernel | Gaussian, operator: Operator, dim: int, alphas: tuple[MultiIndex, ...]
 ) -> list[dict[MultiIndex, float]]:
     """limit M_μ/μ! − exact of every component: exact differences, rounded once, for a polynomial
-    kernel in 1D and 3D; of 50 digits beside a wall in 2D."""
-    zero = unit(dim, 0, 0)
+    kernel."""
 
-    @cache
     def moment(key: Key) -> Any:
-        if eta is not None:
-            return cut_number(require(kernel, operator), operator, key, eta)
         value = continuous_sum(kernel, key)
         return fraction(value) if kernel.is_polynomial else float(value)
 
+    return _errors_of(moment, operator, dim, alphas)
+
+
+def _errors_of(
+    moment: Moment, operator: Operator, dim: int, alphas: tuple[MultiIndex, ...]
+) -> list[dict[MultiIndex, float]]:
+    """M_μ/μ! − exact of every component, from the base sums; rounded once."""
+    zero, moment = unit(dim, 0, 0), cache(moment)
     means = {key: moment(key) for key in operator.needed(dim, 0)}
     wanted = list(alphas)
     if operator.form == NESTED:

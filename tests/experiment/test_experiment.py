@@ -96,15 +96,11 @@ def both(
     scene: Any, kernel: Any, operator: Operator, targets: np.ndarray, wave: fd.Sinusoid, base: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Error of each component against double-double terms and sums, and its bound, (C, T)."""
-    rough = scene.neighbourhood(targets, kernel, errors=True)
-    fine = scene.neighbourhood(targets, kernel, extended=True)
     own = wave.own(targets, 5)
     results = []
-    for number, block in ((Bounded(base), rough), (Extended(), fine)):
-        low = block.offset_low if block.offset_low is not None else [None] * scene.dim
-        error = block.offset_error if block.offset_error is not None else [None] * scene.dim
-        s = [number.number(x, a, b) for x, a, b in zip(block.offset, low, error, strict=True)]
-        volume = number.number(block.volume, block.volume_low, block.volume_error)
+    for number in (Bounded(base), Extended()):
+        block = scene.neighbourhood(targets, kernel, number)
+        s, volume = block.offsets(number), block.volumes(number)
         sample = wave.at(number, block, s, own)
         health = Health()
         weights = Weights(number, s, volume, kernel, operator)

@@ -8,6 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sphtrunc
+from sphtrunc.arithmetic.bounded import Bounded
+from sphtrunc.arithmetic.extended import Extended
+from sphtrunc.arithmetic.plain import Plain
 from sphtrunc.arithmetic.rational import exact
 from sphtrunc.scenes.graded import graded
 from sphtrunc.scenes.jittered import Jittered, jittered
@@ -101,14 +104,14 @@ rationals = st.fractions(Fraction(1, 40), Fraction(3, 2), max_denominator=97)
 @given(rationals, st.fractions(-1, 1, max_denominator=50))
 def test_uniform_offsets_are_correctly_rounded(ratio: Fraction, theta: Fraction) -> None:
     scene = lattice(1, None, ratio, theta)
-    block = scene.neighbourhood(ZERO, CUBIC, extended=True)
+    block = scene.neighbourhood(ZERO, CUBIC, Extended())
     j = np.arange(-200, 200)
     truth = [(int(i) + theta) * ratio for i in j]
     inside = [s for s in truth if abs(s) <= 2]
     plain = scene.neighbourhood(ZERO, CUBIC)
     assert plain.offset[0, :, 0].tolist() == [float(s) for s in inside]
-    assert block.offset_low is not None
-    for s, hi, lo in zip(inside, block.offset[0, :, 0], block.offset_low[0, :, 0], strict=True):
+    assert block.beside is not None
+    for s, hi, lo in zip(inside, block.offset[0, :, 0], block.beside.offset[0, :, 0], strict=True):
         assert abs(Fraction(hi) + Fraction(lo) - s) <= abs(s) * Fraction(1, 2**105)
     exact, volume = scene.exact_neighbourhood(0, CUBIC)
     assert exact[0].tolist() == inside
@@ -120,13 +123,13 @@ def test_offsets_in_space_are_correctly_rounded(kind: str) -> None:
     dim = KINDS[kind].dim
     shift = (Fraction(1, 3), Fraction(1, 7), Fraction(-2, 5))[:dim]
     scene = lattice(dim, kind, "7/10", shift)
-    block = scene.neighbourhood(ZERO, CUBIC, errors=True)
+    block = scene.neighbourhood(ZERO, CUBIC, Bounded(Plain()))
     exact, _ = scene.exact_neighbourhood(0, CUBIC)
     assert exact.shape == block.offset.shape[:2]
     assert np.array_equal(exact.astype(float), block.offset[:, :, 0])
-    assert block.offset_error is not None
+    assert block.beside is not None
     for s, x, e in zip(
-        exact.ravel(), block.offset.ravel(), block.offset_error.ravel(), strict=True
+        exact.ravel(), block.offset.ravel(), block.beside.offset.ravel(), strict=True
     ):
         assert abs(s - Fraction(x)) <= Fraction(e)
 
@@ -224,10 +227,10 @@ def test_jittered_offsets_are_within_their_bounds(dim: int, kind: str, theta: ob
     shift = [theta] * dim
     scene = jittered(lattice(dim, kind, "7/10", shift, extent=1000), 0.2, seed=1)
     targets = sample(scene, 0, 12, 0)
-    block = scene.neighbourhood(targets, CUBIC, errors=True)
-    fine = scene.neighbourhood(targets, CUBIC, extended=True)
-    assert block.offset_error is not None
-    assert fine.offset_low is not None
+    block = scene.neighbourhood(targets, CUBIC, Bounded(Plain()))
+    fine = scene.neighbourhood(targets, CUBIC, Extended())
+    assert block.beside is not None
+    assert fine.beside is not None
     worst = []
     for t, one in enumerate(targets):
         exact, _ = scene.exact_neighbourhood(int(one), CUBIC)
@@ -238,9 +241,9 @@ def test_jittered_offsets_are_within_their_bounds(dim: int, kind: str, theta: ob
             near = min(truth, key=lambda c: sum(abs(a - b) for a, b in zip(c, s, strict=True)))
             for axis in range(dim):
                 gap = abs(truth[near][axis] - Fraction(s[axis]))
-                assert gap <= Fraction(block.offset_error[axis, j, t])
+                assert gap <= Fraction(block.beside.offset[axis, j, t])
                 worst.append(float(gap))
-                pair = Fraction(fine.offset[axis, j, t]) + Fraction(fine.offset_low[axis, j, t])
+                pair = Fraction(fine.offset[axis, j, t]) + Fraction(fine.beside.offset[axis, j, t])
                 assert abs(truth[near][axis] - pair) < Fraction(1, 2**98)
             seen += 1
         assert seen == len(truth)
@@ -250,8 +253,8 @@ def test_jittered_offsets_are_within_their_bounds(dim: int, kind: str, theta: ob
 def test_cell_volumes_are_half_the_distance_between_the_neighbours() -> None:
     scene = jittered(lattice(1, None, "2/5", volume="cell", extent=500), 0.4, seed=2)
     targets = np.arange(40)
-    block = scene.neighbourhood(targets, CUBIC, errors=True)
-    fine = scene.neighbourhood(targets, CUBIC, extended=True)
+    block = scene.neighbourhood(targets, CUBIC, Bounded(Plain()))
+    fine = scene.neighbourhood(targets, CUBIC, Extended())
     for t, one in enumerate(targets):
         x = np.sort(brute(scene, int(one), 60)[0])
         inside = np.flatnonzero(np.abs(x) <= 2)
@@ -262,13 +265,13 @@ def test_cell_volumes_are_half_the_distance_between_the_neighbours() -> None:
         assert np.abs(halves).max() <= 64 * 2.0**-53
         exact, volume = scene.exact_neighbourhood(int(one), CUBIC)
         assert exact.shape[1] == inside.size
-        assert block.volume_error is not None
-        assert fine.volume_low is not None
+        assert block.beside is not None
+        assert fine.beside is not None
         for v, got, low, e in zip(
             volume,
             block.volume[rows, t],
-            fine.volume_low[rows, t] + (fine.volume[rows, t] - block.volume[rows, t]),
-            block.volume_error[rows, t],
+            fine.beside.volume[rows, t] + (fine.volume[rows, t] - block.volume[rows, t]),
+            block.beside.volume[rows, t],
             strict=True,
         ):
             assert abs(v - Fraction(got)) <= Fraction(e)
@@ -383,11 +386,11 @@ def test_explicit_cells_and_sums() -> None:
 def test_explicit_exact_and_extended_agree() -> None:
     scene = particles(cloud(2), h=0.2, volume=0.01, period=[1.0, 1.0])
     exact, volume = scene.exact_neighbourhood(5, CUBIC)
-    fine = scene.neighbourhood(np.array([5]), CUBIC, extended=True)
-    assert fine.offset_low is not None
+    fine = scene.neighbourhood(np.array([5]), CUBIC, Extended())
+    assert fine.beside is not None
     pairs = sorted(
         (Fraction(h[0]) + Fraction(lo[0]), Fraction(h[1]) + Fraction(lo[1]))
-        for h, lo in zip(fine.offset[:, :, 0].T, fine.offset_low[:, :, 0].T, strict=True)
+        for h, lo in zip(fine.offset[:, :, 0].T, fine.beside.offset[:, :, 0].T, strict=True)
         if h @ h <= 4
     )
     truth = sorted(map(tuple, exact.T))

@@ -5,6 +5,7 @@ The site itself is built by .ci/run, with warnings as errors, and its links are 
 
 from __future__ import annotations
 
+import doctest
 import inspect
 import re
 import sys
@@ -282,6 +283,13 @@ def test_what_contributing_names_is_there():
     assert len(paths) > 8
     for path in paths:
         assert (ROOT / path).exists() or "NAME" in path, path
+
+
+@pytest.mark.parametrize("module", [formulas, kernel_pages])
+def test_examples_in_docstrings(module):
+    ran = doctest.testmod(module)
+    assert ran.failed == 0
+    assert ran.attempted >= 2
 
 
 def test_links_that_lead_nowhere_are_found(tmp_path):

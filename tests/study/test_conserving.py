@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from sphtrunc.cli import group
 from sphtrunc.cli.conserve import _FORMS
 from sphtrunc.experiment.momentum import FORMS
+from sphtrunc.operators.h_rules import FORCE_RULES
 from sphtrunc.study.conservation.conserving import conserve, conserve_particles
 from sphtrunc.study.conservation.density_drift import SCHEMES, drift, predicted_drift, tube
 from sphtrunc.study.conservation.force_errors import Wave
@@ -35,6 +36,20 @@ def test_displaced_errors_are_predicted() -> None:
     for row in found.rows:
         assert row.measured == pytest.approx(row.predicted, rel=4.0 / np.sqrt(2 * inside) + 0.02)
         assert row.order_h == FORMS[row.kept.form].consistency
+
+
+@pytest.mark.parametrize(("jitter", "radius"), [("0", 16.0), ("1/50", 20.0)])
+def test_errors_with_an_h_that_follows_are_predicted(jitter: str, radius: float) -> None:
+    """On a lattice to what h is solved to, 1e-12, over the smallest error of 1e-4; displaced as
+    above: the displacements move h and densities as well."""
+    forms = ["symmetric", "difference", "grad-h", "csph"]
+    options = {"jitter": jitter, "radius": radius, "lengths": "adapted", "seed": 3, "workers": 1}
+    found = conserve("wendland-c2", 2, forms=forms, **options)
+    inside = found.settings["inside"]
+    within = {"0": 1e-7, "1/50": 4.0 / np.sqrt(2 * inside) + 0.02}[jitter]
+    assert {row.kept.rule for row in found.rows} == set(FORCE_RULES) - {"constant"}
+    for row in found.rows:
+        assert row.measured == pytest.approx(row.predicted, rel=within)
 
 
 @pytest.mark.parametrize(("form", "order"), [("difference", 0), ("csph", 1), ("symmetric", -1)])

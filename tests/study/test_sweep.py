@@ -510,7 +510,7 @@ def test_rows_beside_a_wall_are_predicted(jitter):
 def test_walls_that_are_refused():
     for axes, message in (
         ({"ghosts": ("mirror",)}, "need a wall"),
-        ({"wall": ("1",), "jitter": ("0.1",), "ghosts": ("mirror",)}, "ghosts: got mirror"),
+        ({"wall": ("0",), "jitter": ("0.1",), "wall-at": ("particle",)}, "not on the wall"),
         ({"wall": ("0",), "wall-at": ("half-way",), "ghosts": ("dummy",)}, "see no fluid"),
         ({"wall": ("-1",)}, "wall: got η = -1"),
     ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import comb
+from math import comb, factorial
 from typing import Any
 
 import mpmath
@@ -249,6 +249,32 @@ def test_the_atmosphere_in_fractions(name: str) -> None:
         }
         slope = omega_slope(kernel(name), d)
         assert Rational(slope.numerator, slope.denominator) == kernel(name).moment(2, d) * x**2
+
+
+def test_omega_of_a_wave() -> None:
+    """Ω − 1 at the crest of ρ = 1 + ½ cos kx, kh = 0.1, cubic spline in 3D, with all orders: from
+    exact moments of the summation, ρ = Σ (−k²)ⁿ h²ⁿ M_2n/(2n)!, of which h ∂ρ/∂h takes 2n times
+    every term; and by quadrature of its Fourier transform. The leading term is −1/3000."""
+    limit = derive(CUBIC, "value", dim=3, degree=12).limit
+    k = Fraction(1, 10)
+    terms = [
+        Fraction(str(limit[2 * n, 0, 0])) * (-1) ** n * k ** (2 * n) / factorial(2 * n)
+        for n in range(7)
+    ]
+    density = 1 + sum(terms) / 2
+    omega = sum(2 * n * term for n, term in enumerate(terms)) / 2 / (3 * density)
+    assert float(omega) == pytest.approx(-3.330503e-4, abs=5e-11)
+    assert abs(float(omega) + 1 / 3000) < 4e-7
+
+    def transform(kappa: Any) -> Any:
+        """4π/κ ∫ q W sin κq with W of 3D, whose constant is 1/π in place of 2/3."""
+        wave = mpmath.quad(
+            lambda q: q * shape("cubic-spline", q, 0) * mpmath.sin(kappa * q), [0, 1, 2]
+        )
+        return 6 * wave / kappa
+
+    slope = mpmath.diff(transform, 0.1) * 0.1
+    assert float(slope / 6 / (1 + transform(0.1) / 2)) == pytest.approx(float(omega), rel=1e-7)
 
 
 def test_what_is_refused() -> None:

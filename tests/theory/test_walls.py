@@ -296,6 +296,52 @@ def test_moments_of_the_cut_support(place: Any) -> None:
     assert cut_sum(shape, (one, zero), at) == found[0]
 
 
+#: (kernel, η), 2D: the same, and P₂ of RKPM-1, of a prototype in floats; digits as printed
+FLAT = {
+    ("cubic-spline", 0): (
+        None, 0.5, 0.22736420442, 0.5, 0.90945681767, -0.2191199199
+    ),
+    ("cubic-spline", HALF): (
+        0.48393342826, 0.80579671046, 0.15517085241, 0.56382999633, 0.76499133548, 0.10694930151
+    ),
+    ("cubic-spline", 1): (
+        0.15862294424, 0.96255783573, 0.044516114095, 0.80393489149, 0.30805376785, 0.26309827283
+    ),
+    ("wendland-c2", 0): (
+        None, 0.5, 0.21220659079, 0.5, 0.84882636316, -0.19361762253
+    ),
+    ("wendland-c2", HALF): (
+        0.48373139796, 0.8234969143, 0.13697944466, 0.58163121532, 0.67893835202, 0.10595760908
+    ),
+    ("wendland-c2", 1): (
+        0.13633059941, 0.97149093704, 0.033327501758, 0.83516033763, 0.24304985975, 0.23954428425
+    ),
+}  # fmt: skip
+MARGINAL_ON_WALL = {"cubic-spline": R(15, 7) / pi, "wendland-c2": R(7, 3) / pi}
+
+
+@pytest.mark.parametrize("place", FLAT, ids=str)
+def test_moments_of_the_cut_support_in_two_dimensions(place: Any) -> None:
+    """Within half a unit of the last of the ten digits that all of them have."""
+    name, eta = place
+    shape, at = kernel(name), R(Fraction(eta).numerator, Fraction(eta).denominator)
+    zero, one, two = (unit(2, 0, n) for n in range(3))
+    normal = cut_sum(shape, (one, one), at)
+    on_plane = plane(shape, (zero, zero), at)
+    found = [
+        on_plane,
+        cut_sum(shape, (zero, zero), at),
+        cut_sum(shape, (zero, one), at),
+        normal,
+        cut_sum(shape, (one, two), at) / normal,
+        2 * rows(name, 2, str(at), "rkpm-1")["value", "all", "rkpm-1", "A_nn"][1],
+    ]
+    wanted = [MARGINAL_ON_WALL[name].evalf(15) if x is None else x for x in FLAT[place]]
+    for value, printed in zip(found, wanted, strict=True):
+        assert abs(float(value) - float(printed)) <= 5e-11
+    assert at != 0 or (on_plane - MARGINAL_ON_WALL[name]).equals(0)
+
+
 def test_the_marginal_kernel_in_words() -> None:
     cubic, wendland = (marginal(kernel(n), 3) for n in ("cubic-spline", "wendland-c2"))
     e = ETA

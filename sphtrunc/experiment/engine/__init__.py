@@ -5,27 +5,33 @@
 """
 
 from sphtrunc.experiment.engine.passes import (
+    Grouped,
     PairSums,
     Pass,
     Work,
     available,
+    grouped,
     one_pass,
     pair_sums,
     pairs_with_terms,
     prepared,
+    sizes,
     threads,
     volumes,
 )
 
 __all__ = [
+    "Grouped",
     "PairSums",
     "Pass",
     "Work",
     "available",
+    "grouped",
     "one_pass",
     "pair_sums",
     "pairs_with_terms",
     "prepared",
+    "sizes",
     "threads",
     "volumes",
 ]

@@ -356,7 +356,7 @@ def list_near(
 
 def _added(plan: Plan, number: Any, held: list[Any], target: list[Any], source: list[Any]) -> Any:
     """Sums, then their compensations, then their bounds, with one pair more."""
-    n = len(plan.terms)
+    n = plan.sums
     terms = pair_terms(plan, number, target, source)
     values = [t.value if plan.bound else t for t in terms]
     sums, rest = [], []

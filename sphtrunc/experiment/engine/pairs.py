@@ -44,6 +44,9 @@ class Plan:
     """What a pass over the pairs sums; everything in it is fixed when the loop is compiled.
 
     factors: (k, radial factor) in use; terms: the sums; fields: how many
+    groups: in place of the terms, sums of several of them each, without volumes: Σ_b Σ f_k s^β A_b
+    room: not 0: of every group Σ_b A_b ε, A >= 0 its one field and ε at least what `room` roundings
+        and those of the pair formula make of any f_k s^β among the terms
     difference: A_b − A_a in place of A_b
     mode: "one" (h of the target), "scatter", "mean" or "mean-kernel"
     low: positions are pairs of floats (images in a periodic box)
@@ -64,6 +67,13 @@ class Plan:
     quantum: float
     support: float
     even: bool
+    groups: tuple[tuple[Term, ...], ...] = ()
+    room: int = 0
+
+    @property
+    def sums(self) -> int:
+        """How many there are."""
+        return len(self.groups or self.terms)
 
 
 def plan(
@@ -78,10 +88,13 @@ def plan(
     compensated: bool = False,
     bound: bool = False,
     quantum: float = 0.0,
+    groups: Iterable[tuple[Term, ...]] = (),
+    room: int = 0,
 ) -> Plan:
     """The plan for these sums with this kernel."""
-    terms = tuple(dict.fromkeys(terms))
-    used = {SLOPE if t.k == OTHERS else t.k for t in terms} - {COUNT}
+    terms, groups = tuple(dict.fromkeys(terms)), tuple(groups)
+    every = terms if room else [*terms, *(t for group in groups for t in group)]
+    used = {SLOPE if t.k == OTHERS else t.k for t in every} - {COUNT}
     factors = tuple((k, radial(kernel, dim, k)) for k in sorted(used))
     return Plan(
         dim=dim,
@@ -96,6 +109,8 @@ def plan(
         quantum=quantum,
         support=float(kernel.support),
         even=all(f.even for _, f in factors),
+        groups=groups,
+        room=room,
     )
 
 
@@ -143,14 +158,14 @@ def row_counts(plan: Plan) -> tuple[int, int, int]:
     own = plan.fields if plan.difference else 0
     per_term = 1 + int(plan.compensated) + int(plan.bound)
     sources = places + 1 + plan.fields + int(plan.mode != "one")
-    return sources, places + 1 + own, per_term * len(plan.terms)
+    return sources, places + 1 + own, per_term * plan.sums
 
 
 def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) -> list[Any]:
     """The contributions of pairs given as rows of numbers, as in `row_counts`."""
     d = plan.dim
     places = d * (2 if plan.low else 1)
-    if plan.bound:
+    if plan.bound or plan.room:
         target = [Bounded(number, x, 0.0) for x in target]
         source = [Bounded(number, x, 0.0) for x in source]
         for per_h in (target[places], *(source[-1:] if plan.mode != "one" else [])):
@@ -161,16 +176,18 @@ def pair_terms(plan: Plan, number: Any, target: list[Any], source: list[Any]) ->
     return contributions(plan, number, a, b)
 
 
-def _factors(plan: Plan, number: Any, squares: Any, stretch: Any) -> dict[int, Any]:
+def _factors(
+    plan: Plan, terms: list[Term], number: Any, squares: Any, stretch: Any
+) -> dict[int, Any]:
     """The radial factors of a kernel of h, h_a/h = stretch (None: 1), at the squared distances."""
     seen = squares if stretch is None else squares * (stretch * stretch)
     q = None if plan.even else number.sqrt(seen)
     factors: dict[int, Any] = {}
     for k, f in plan.factors:
         factors[k] = evaluate(number, f, seen if f.even else q, squares)
-    if any(t.k == OTHERS for t in plan.terms):
+    if any(t.k == OTHERS for t in terms):
         factors[OTHERS] = number.others(squares, factors[SLOPE])
-    if any(t.k == COUNT for t in plan.terms):
+    if any(t.k == COUNT for t in terms):
         edge = plan.support**2 if plan.even else plan.support
         factors[COUNT] = number.within(seen if plan.even else q, edge, squares)
     if stretch is not None:
@@ -196,9 +213,13 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         stretch = source.per_h / target.per_h
     elif plan.mode == "mean":
         stretch = (source.per_h + source.per_h) / (source.per_h + target.per_h)
-    factors = _factors(plan, number, squares, stretch)
+    if plan.groups and not plan.room:
+        terms = [t for group in plan.groups for t in group]
+    else:
+        terms = list(plan.terms)
+    factors = _factors(plan, terms, number, squares, stretch)
     if plan.mode == "mean-kernel":
-        own = _factors(plan, number, squares, None)
+        own = _factors(plan, terms, number, squares, None)
         factors = {
             k: number.larger(own[k], f) if k == COUNT else (own[k] + f) * 0.5
             for k, f in factors.items()
@@ -212,6 +233,22 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
             monomials[beta] = monomial(lower) * s[axis] if any(lower) else s[axis]
         return monomials[beta]
 
+    if plan.room:
+        return _sizes(plan, number, factors, squares, source)
+    if plan.groups:
+        products = {
+            (t.k, t.beta): factors[t.k] * monomial(t.beta) if any(t.beta) else factors[t.k]
+            for t in terms
+        }
+        return [
+            sum(
+                (products[t.k, t.beta] * source.fields[t.field] for t in rest),
+                products[first.k, first.beta] * source.fields[first.field]
+                if first.field >= 0
+                else products[first.k, first.beta],
+            )
+            for first, *rest in plan.groups
+        ]
     weighted: dict[tuple[int, int], Any] = {}
     for t in plan.terms:
         if (t.k, t.field) not in weighted:
@@ -227,3 +264,20 @@ def contributions(plan: Plan, number: Any, target: Ends, source: Ends) -> list[A
         weighted[t.k, t.field] * monomial(t.beta) if any(t.beta) else weighted[t.k, t.field]
         for t in plan.terms
     ]
+
+
+def _sizes(
+    plan: Plan, number: Any, factors: Mapping[int, Any], squares: Any, source: Ends
+) -> list[Any]:
+    """Σ_b A_b ε of every group. |s^β| is at most |s|^|β|, and each of its factors is rounded three
+    times and takes part in one product."""
+    plain = number.plain
+    distance = plain.sqrt(squares.value + squares.error) * (1.0 + 4.0 * UNIT)
+    largest: Any = None
+    for k, degree in dict.fromkeys((t.k, sum(t.beta)) for t in plan.terms):
+        f = factors[k]
+        size = plain.size(f.value) * ((plan.room + 4 * degree) * UNIT) + f.error
+        for _ in range(degree):
+            size = size * distance
+        largest = size if largest is None else plain.larger(largest, size)
+    return [source.fields[group[0].field].value * largest for group in plan.groups]

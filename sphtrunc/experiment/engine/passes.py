@@ -8,7 +8,7 @@ on the particles alone.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
@@ -135,12 +135,8 @@ def prepared(
     scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
-    chosen, wanted = _targets(targets, scene.population)
     if precision not in ("plain", "compensated"):
         raise ValueError(f"precision: got {precision!r}, expected plain or compensated")
-    names = available()
-    if engine is not None and engine not in names:
-        raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
     zero = (0,) * scene.dim
     task = plan(
         kernel,
@@ -154,6 +150,28 @@ def prepared(
         bound=bound,
         quantum=quantum,
     )
+    return _work(scene, kernel, task, values, targets, keys, field_keys, workers, engine)
+
+
+def _work(
+    scene: Particles,
+    kernel: Kernel,
+    task: Plan,
+    values: Sequence[Array] | Array,
+    targets: object,
+    keys: list[Key],
+    field_keys: list[Key],
+    workers: int | None,
+    engine: str | None,
+) -> Work:
+    """A plan on the particles, by the engine that is asked for or pays.
+
+    Raises ValueError for an engine that is not there.
+    """
+    names = available()
+    if engine is not None and engine not in names:
+        raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
+    chosen, wanted = _targets(targets, scene.population)
     per_h = 1.0 / scene.h
     columns, reach, _ = _columns(scene, kernel, task, values, per_h)
     name = engine or names[0 if scene.population >= _WORTH else -1]
@@ -163,6 +181,105 @@ def prepared(
         if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
             name = "numpy"
     return Work(task, columns, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
+
+
+@dataclass(frozen=True, eq=False)
+class Grouped:
+    """Sums as an engine left them, (n, sums), read out a part of the targets at a time.
+
+    scale: (T,) 1/h^d; sign: (G,) of the sums that are read; targets: indices (T,), or all
+    """
+
+    rows: Array
+    scale: Array
+    sign: Array
+    targets: Any
+
+    def block(self, part: slice) -> Array:
+        """(G, T) of these targets, in units of h."""
+        rows = self.rows[part] if isinstance(self.targets, slice) else self.rows[self.targets[part]]
+        found = np.array(rows[:, : self.sign.size].T, order="C")
+        found *= self.scale[part]
+        found *= self.sign[:, None]
+        return found
+
+    @property
+    def neighbours(self) -> int:
+        """How many a target has at most: the last of the rows counts them."""
+        seen = self.rows[self.targets, -1].astype(np.int64) & (int(MOST) - 1)
+        return int(seen.max(initial=0))
+
+
+def grouped(
+    scene: Particles,
+    kernel: Kernel,
+    fields: Sequence[Array],
+    groups: Sequence[Sequence[tuple[Key, int]]],
+    *,
+    targets: object = None,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Grouped:
+    """Σ_b Σ (key) A_b of each group of (key, number of the field), without volumes.
+
+    fields: (n,) each; keys: of at most one derivative, all of a group of the same order
+    """
+    scene = scene.in_plain_units()
+    terms = [tuple(_term(key, field) for key, field in group) for group in groups]
+    count = (Term(COUNT, (0,) * scene.dim, -1),)
+    task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
+    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
+    sign = np.array([(-1.0) ** sum(group[0][0][0]) for group in groups])
+    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, sign, done.targets)
+
+
+def sizes(
+    scene: Particles,
+    kernel: Kernel,
+    fields: Sequence[Array],
+    keys: Iterable[Key],
+    room: int,
+    *,
+    targets: object = None,
+    workers: int | None = None,
+    engine: str | None = None,
+) -> Grouped:
+    """A bound of what rounding makes of Σ_b (key) A_b for any of the keys and any |A| <= the field,
+    of every field: that of the pair formula, and `room` more roundings of every term, u each.
+
+    fields: (n,) each, not negative
+    """
+    scene = scene.in_plain_units()
+    zero = (0,) * scene.dim
+    task = _grouped_plan(
+        scene,
+        kernel,
+        terms=dict.fromkeys(_term(key, -1) for key in keys),
+        groups=[(Term(COUNT, zero, i),) for i in range(len(fields))],
+        fields=len(fields),
+        room=room,
+    )
+    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
+    more = np.full(len(fields), 1.0 + 1e-9)
+    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, more, done.targets)
+
+
+def _term(key: Key, field: int) -> Term:
+    ((_, beta, k),) = parts(key)
+    return Term(k, beta, field)
+
+
+def _grouped_plan(
+    scene: Particles, kernel: Kernel, terms: Iterable[Term] = (), **more: Any
+) -> Plan:
+    return plan(
+        kernel,
+        scene.dim,
+        terms,
+        mode="one" if scene.one_h else scene.mode,
+        low=scene.period is not None,
+        **more,
+    )
 
 
 def pair_sums(
@@ -377,7 +494,7 @@ def volumes(scene: Particles, kernel: Kernel) -> Array:
 
 
 def _columns(
-    scene: Particles, kernel: Kernel, task: Plan, values: Array, per_h: Array
+    scene: Particles, kernel: Kernel, task: Plan, values: Sequence[Array] | Array, per_h: Array
 ) -> tuple[tuple[Array, ...], Array, Any]:
     """Rows of the sources, images of a periodic box included; how far each target looks; which
     particle each source is, None where there are no images."""

@@ -172,7 +172,7 @@ def conserve(
     lengths: "constant"; "adapted", h = (h/Δx) (m/ρ)^{1/d}, ρ the summation; "random", h/2 to 2h
     mass_spread: masses at random from 1/s to s
     h_over_lambda, background, amplitude: of the pressure P₀ + P₁ sin(2πx/λ)
-    predict: also predict the errors, where masses are equal and h is constant
+    predict: also predict the errors, where masses are equal and h is not random
 
     Raises ValueError for bad arguments, and too large a ball.
     """
@@ -214,8 +214,8 @@ def conserve(
     inside = distance <= (size - margin) * float(home.dx_over_h)
     pairs = _pairs(forms, rules, lengths != "constant")
     known: Sequence[float | None] = [None] * len(pairs)
-    if predict and lengths == "constant" and mass_spread == 1.0 and isinstance(kernel, Kernel):
-        known = predicted_errors(pairs, home, kernel, sigma, wave)
+    if predict and lengths != "random" and mass_spread == 1.0:
+        known = predicted_errors(pairs, home, kernel, sigma, wave, lengths == "adapted")
     still = not isinstance(scene, Jittered)
     settings = {
         "kernel": kernel.name,

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from sphtrunc.arithmetic.summation import Array
+from sphtrunc.experiment.adapted_lengths import adapted
 from sphtrunc.experiment.momentum import State, parts_of
 from sphtrunc.experiment.pair_matrices import Cloud, act
 from sphtrunc.kernels.kernel import Kernel
@@ -86,20 +87,33 @@ def measured_errors(
 
 
 def predicted_errors(
-    pairs: Sequence[tuple[str, str]], lattice: Lattice, kernel: Kernel, sigma: float, wave: Wave
+    pairs: Sequence[tuple[str, str]],
+    lattice: Lattice,
+    kernel: Kernel,
+    sigma: float,
+    wave: Wave,
+    follows: bool = False,
 ) -> list[float]:
-    """What `measured_errors` measures, for equal masses, constant h and displacements of standard
-    deviation σ (in Δx), to first order in σ."""
+    """What `measured_errors` measures, for equal masses and displacements of standard deviation σ
+    (in Δx), to first order in σ.
+
+    follows: h is h₀ (ρ₀/ρ)^{1/d}, ρ the summation, and follows the displacements; else all have one
+    """
     dx, dim = float(lattice.dx_over_h), lattice.dim
     support = float(kernel.support) / dx
-    _, x = ball(lattice, 4.0 * support + 2.0)
+    _, x = ball(lattice, (5.0 if follows else 4.0) * support + 2.0)
     near = np.sqrt((x * x).sum(axis=0)) <= (2.0 * support + 1.0) * dx
     at = int(np.flatnonzero(~np.any(x, axis=0))[0])
 
     def errors(places: Array) -> list[list[Array]]:
         ones = np.ones(places.shape[1])
-        cloud = Cloud(places, ones, kernel, workers=1)
-        return _errors(State(cloud, dx**dim * ones, ones, ones), pairs, wave.wavenumber)
+        h, density = ones, ones
+        if follows:
+            found = adapted(places.T, dx**dim, kernel, eta=1.0 / dx, workers=1)
+            h, density = found.h, found.density
+        state = State(Cloud(places, h, kernel, workers=1), dx**dim * ones, density, ones)
+        rows = _errors(state, pairs, wave.wavenumber)
+        return [[density * one for one in row] for row in rows]
 
     home = errors(x)
     square = [[float((abs(one[:, at]) ** 2).sum()) for one in row] for row in home]

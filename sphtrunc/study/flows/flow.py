@@ -67,8 +67,8 @@ def flow(
 ) -> Steady | Vortex | Lid:
     """Solve a flow on frozen particles and say how wrong it is, and why.
 
-    name: of `FLOWS`; across: particles between the walls (64 for the cavity and the vortex, else
-        40); along: planes along periodic axes (default: `across` on displaced particles, else the
+    name: of `FLOWS`; across: particles between the walls, or along a side (default: 40, cavity 65);
+        along: planes along periodic axes (default: `across` on displaced particles, else the
         fewest); dim: default 2
     form, correction: of the Laplacian (default: brookshaw; difference with rkpm-2 in the cavity);
         gradient_form, gradient_correction: cavity only (default: difference, csph where the

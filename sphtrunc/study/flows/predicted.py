@@ -13,9 +13,9 @@ u the solution on the lattice and G = L⁻¹ there,
     u₁ = −Σ_c ξ_c G D_c u,        ⟨u₂⟩ = −σ² G Σ_c (½ S_c u − D_c G D_c u),
 
 so that the error has a spread, of covariance σ² Σ_c e_c e_cᵀ with e_c = −G D_c u − ∂_c u (it is the
-particle that has moved), and a shift of its mean, which does not fall with the number of particles:
-at that level a form stalls. The second term of the shift is the feedback of an operator on its own
-error; for symmetric forms it is as large as the first.
+particle that has moved), and a shift of its mean, ⟨u₂⟩ − ½σ² ∂²u for the same reason. It does
+not fall with the number of particles: at that level a form stalls. Its second term is the feedback
+of an operator on its own error; for symmetric forms it is as large as the first.
 
 The series is one in ε = rms of Σ_c ξ_c G D_c v over that of v, the largest for waves v that change
 sign from particle to particle: where these are nearly without resistance, as in forms made of ∇²W,
@@ -363,7 +363,10 @@ def disorder(
             push[rows] = np.where(own[:, None], test, 0.0)
             echo += (solver(push) ** 2).sum(axis=0) / movers.size
     sigma = scene.sigma
-    shift = _planes(-(sigma**2) * solver(mean[plane]), plane, count)
+    shift = -(sigma**2) * solver(mean[plane])
+    if len(case.derivatives) > 2:  # the mean of the exact velocity where the particles have gone
+        shift -= 0.5 * (sigma * spacing) ** 2 * case.derivatives[2](enclosure.x[0, free])
+    shift = _planes(shift, plane, count)
     return shift, sigma * np.sqrt(square), sigma * float(echo.max()) ** 0.5, sigma**2 * together
 
 

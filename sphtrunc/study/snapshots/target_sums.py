@@ -188,19 +188,30 @@ def derivatives_of(
     scene: Particles, kernel: Kernel, values: object, degree: int, options: Mapping[str, Any]
 ) -> list[Array]:
     """∂^αA of every α up to the degree at all particles, (A, n), from gradients of gradients with
-    RKPM of degree 3, and the same of degree 2."""
+    RKPM of degree 3, and the same of one degree less.
+
+    Where too few neighbours, at surfaces, make the correction unsteady, the next lower degree
+    stands for each; nothing, 0, where there is none.
+    """
     dim = scene.dim
     alphas = list(multi_indices(dim, degree))
-    found = []
-    for order in ("rkpm-3", "rkpm-2"):
-        gradient = Operator("gradient", "difference", order)
+    found, levels = [], np.zeros(scene.population, dtype=np.int64)
+    for less in (0, 1):
         known: dict[MultiIndex, Array] = {alphas[0]: np.asarray(values, dtype=np.float64)}
         for n in range(degree):
             lower = [alpha for alpha in alphas if sum(alpha) == n]
-            made = estimated(
-                scene, kernel, gradient, np.stack([known[alpha] for alpha in lower]), **options
-            )
-            slopes = np.where(np.isfinite(made.values), made.values, 0.0) / scene.h
+            rows = np.stack([known[alpha] for alpha in lower])
+            slopes = np.zeros((len(lower), dim, scene.population))
+            for level, order in enumerate(_ORDERS[less:]):
+                here = np.flatnonzero(levels == level)
+                if not here.size:
+                    continue
+                gradient = Operator("gradient", "difference", order)
+                made = estimated(scene, kernel, gradient, rows, targets=here, **options)
+                steady = made.condition <= _STEADY
+                slopes[:, :, here[steady]] = made.values[:, :, steady] / scene.h[here[steady]]
+                if not less:
+                    levels[here[~steady]] += 1
             parts: dict[MultiIndex, list[Array]] = {}
             for row, alpha in zip(slopes, lower, strict=True):
                 for axis in range(dim):
@@ -208,6 +219,10 @@ def derivatives_of(
             known |= {alpha: np.mean(rows, axis=0) for alpha, rows in parts.items()}
         found.append(np.stack([known[alpha] for alpha in alphas]))
     return found
+
+
+_ORDERS = ("rkpm-3", "rkpm-2", "csph")
+_STEADY = 1e3  # condition of a correction: 20 of RKPM-3 inside, 1e4 and more at a surface
 
 
 @dataclass(frozen=True, eq=False)

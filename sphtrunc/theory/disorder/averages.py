@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.kernels.kernel import Kernel
     from sphtrunc.scenes.arrangement import Arrangement
+    from sphtrunc.theory.variable_h.scenes import Slope
 
 
 NODES = {1: (11, 21), 2: (5, 9), 3: (3, 5)}  # of the quadrature over η along each axis:
@@ -69,10 +70,14 @@ def _seen(operator: Operator, signals: Signals, s: Array) -> Array:
 class Particles:
     """The particles around a target on a lattice, in units of h."""
 
-    def __init__(self, kernel: Kernel | Gaussian, scene: Arrangement) -> None:
-        self.kernel, self.scene, self.dim = kernel, scene, scene.dim
+    def __init__(
+        self, kernel: Kernel | Gaussian, scene: Arrangement, slope: Slope | None = None
+    ) -> None:
+        """slope: how h changes from particle to particle, if it does."""
+        self.kernel, self.scene, self.dim, self.slope = kernel, scene, scene.dim, slope
         self.ratio = ratio = float(scene.dx_over_h)
-        index = scene.sites(float(kernel.support) / ratio + 1.5)
+        support = float(kernel.support) * (1.0 if slope is None else slope.wider(kernel))
+        index = scene.sites(support / ratio + 1.5)
         self.points, self.shares = scene.positions(index), scene.shares(index)[:, None]
         self.volume = ratio**self.dim
         within = (self.points**2).sum(axis=1) < float(kernel.support) ** 2
@@ -87,6 +92,8 @@ class Particles:
 
     def terms(self, keys: Sequence[Key], s: Array) -> dict[Key, Array]:
         """g_key of the particles at the offsets s, (N, Q, d)."""
+        if self.slope is not None:
+            return {key: self.slope.term(self.kernel, key, s) for key in keys}
         q = np.sqrt((s * s).sum(axis=-1))
         factor = cache(lambda k: self.shares * factor_values(self.kernel, k, q, self.dim))
         return {

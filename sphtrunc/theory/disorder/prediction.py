@@ -32,6 +32,7 @@ from sphtrunc.operators.moments import MultiIndex
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.theory.disorder.averages import scattered_moments
 from sphtrunc.theory.disorder.debye_waller import finite_ratio, gaussian_shift
+from sphtrunc.theory.disorder.ghosts import moved_with_ghosts
 from sphtrunc.theory.disorder.leading_law import moment_rows
 from sphtrunc.theory.disorder.propagation import propagate
 from sphtrunc.theory.disorder.sampling import displaced
@@ -80,7 +81,7 @@ def predict(
     order σ⁴ where particles are few and the kernel is smooth.
 
     Raises ValueError for a correction whose matrix is singular on this lattice, and beside a wall
-    for displaced particles with ghosts, on the wall, or in the nested form.
+    for displaced particles on the wall, or in the nested form.
     """
     sigma, ratio, walled = scene.sigma, float(scene.dx_over_h), scene.wall is not None
     where = " on one side of a wall" if walled else ""
@@ -99,6 +100,13 @@ def predict(
             "jitter: beside a wall there is no theory for the nested form; expected another form"
         )
     scene.require_unmoved_wall()
+    if scene.wall is not None and scene.wall.ghosts != "none":
+        from sphtrunc.theory.walls.moments import require
+
+        shift, spread = moved_with_ghosts(require(kernel, operator), operator, scene, degree, axis)
+        mean = {alpha: m + shift[alpha] for alpha, m in mean.items()}
+        how = f"propagation through the lattice and its {scene.wall.ghosts} ghosts{where}"
+        return Prediction(sigma, scene.distribution, mean, spread, how)
     # what is zero by a mirror symmetry of the lattice stays so, and so does what a form has exactly
     alphas = [a for a in values if any(a) or not operator.uses_difference]
     moving = [a for a in alphas if values[a] != 0 or not scene.at_particle or walled]

@@ -7,7 +7,9 @@ V = δ (1 + (δ′² + δδ″)/6 + …), the sum over particles is a sum over �
 
 the knot terms of uniform spacing, each with the spacing and the phase that there are at its knot;
 what is left out is smaller by a factor δ′. Good where the spacing changes by a few per cent from
-one particle to the next.
+one particle to the next. Where h has a gradient as well, H = 1 + g·s, a knot k lies at p = k H(p),
+and with t = s/H, dt/ds = 1/H², its terms are H^{|α|−1−|δ|} c δ^n H^{−2(n−1)} B̃_n, to the same
+order.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key
 from sphtrunc.theory.euler_maclaurin import euler_maclaurin
 from sphtrunc.theory.limit import continuous_sum
-from sphtrunc.theory.variable_h.scenes import term_values
+from sphtrunc.theory.variable_h.moments import derivatives_of
+from sphtrunc.theory.variable_h.scenes import Slope, term_values
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
@@ -41,20 +44,33 @@ def graded_moments(
     at: float,
     offset: Fraction,
     degree: int,
+    slope: Slope | None = None,
 ) -> dict[Any, float]:
     """The moments of the first component at one target, x/h = at, of particles of spacing
-    δ(x/h) = Δx/h.
+    δ(x/h) = Δx/h; slope: how h changes from particle to particle, if it does.
 
     Raises ValueError for nested forms, which see the spacing about every neighbour.
     """
     if operator.form == NESTED:
         raise ValueError("form: nested sums see the spacing of every neighbour; expected another")
-    sums = _sums(kernel, operator.needed(1, degree), spacing, at, float(offset))
+    keys, theta, g = operator.needed(1, degree), float(offset), 0.0
+    if slope is not None:
+        slope.wider(kernel)
+        g = float(slope.slopes[0])
+    sums = _sums(kernel, keys, spacing, at, theta, g)
+    if slope is not None and slope.rule == "mean-kernel":
+        own = _sums(kernel, keys, spacing, at, theta, 0.0)
+        sums = {key: 0.5 * (own[key] + value) for key, value in sums.items()}
     return {alpha: float(m) for alpha, m in operator.correct(sums, 1, degree).items()}
 
 
 def _sums(
-    kernel: Kernel, keys: Iterable[Key], spacing: Callable[[Array], Array], at: float, theta: float
+    kernel: Kernel,
+    keys: Iterable[Key],
+    spacing: Callable[[Array], Array],
+    at: float,
+    theta: float,
+    g: float,
 ) -> dict[Key, float]:
     import numpy as np
 
@@ -67,24 +83,30 @@ def _sums(
     s, w = [], []
     for a, b in pairwise(ends):
         for sign in (1.0, -1.0):
-            s.append(sign * (0.5 * (a + b) + 0.5 * (b - a) * nodes))
-            w.append(0.5 * (b - a) * weights)
-    points, parts = np.concatenate(s), np.concatenate(w)
+            low, high = (sign * k / (1.0 - sign * g * k) for k in (a, b))
+            s.append(0.5 * (low + high) + 0.5 * (high - low) * nodes)
+            w.append(0.5 * abs(high - low) * weights)
+    points, areas = np.concatenate(s), np.concatenate(w)
     here, ahead, back = delta(points), delta(points + _STEP), delta(points - _STEP)
     slope, curve = (ahead - back) / (2.0 * _STEP), (ahead - 2.0 * here + back) / _STEP**2
-    wider = parts * (slope**2 + here * curve) / 6.0
+    wider = areas * (slope**2 + here * curve) / 6.0
     width: dict[Any, float] = {}
     number: dict[Any, float] = {}
+    stretch: dict[Any, float] = {}
     for knot in {x for k in kernel.knots for x in (k, -k)}:
-        p = float(knot)
+        p = float(knot) / (1.0 - g * float(knot))
+        stretch[knot] = 1.0 + g * p
         width[knot] = float(delta(np.array([p]))[0])
         number[knot] = float(np.sum(0.5 * p * weights / delta(0.5 * p * (1.0 + nodes))))
     sums = {}
     for key in keys:
-        total = float(continuous_sum(kernel, key))
-        total += float(wider @ term_values(kernel, key, points[:, None], np.zeros(1)))
+        values = term_values(kernel, key, points[:, None], np.array([g]))
+        total = float(areas @ values) if g else float(continuous_sum(kernel, key))
+        total += float(wider @ values)
+        power = key[1][0] - 1 - derivatives_of(key[0])
         for n, knot, c in _knot_terms(kernel, key):
-            total += c * width[knot] ** n * _bernoulli(n, number[knot] - theta)
+            scale = c * width[knot] ** n * stretch[knot] ** (power - 2 * (n - 1))
+            total += scale * _bernoulli(n, number[knot] - theta)
         sums[key] = total
     return sums
 

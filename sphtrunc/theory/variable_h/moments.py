@@ -175,6 +175,30 @@ def limit_moments(
     return Moments(values, operator.target(dim), operator.derivatives, "continuous limit")
 
 
+def summed(kernel: Kernel, key: Key, gradient: Sequence[Fraction], rule: str) -> Fraction:
+    """One base sum for linear h as a number to compute with: exact for constant h, and what the
+    gradient adds to it to the digits of a float. The series is that of `_summed`."""
+    own = Fraction(_fraction(kernel, key))
+    if rule == "gather" or not any(gradient):
+        return own
+    share = slope_share(rule)
+    slopes = tuple(share * g for g in gradient)
+    reach = sum(float(g) ** 2 for g in slopes) ** 0.5 * float(kernel.support)
+    p = sum(key[1]) + 1 - derivatives_of(key[0])
+    size = float(_absolute(kernel, key))
+    more, binomial, n = 0.0, 1.0, 0
+    while p > 0 or n < -p:
+        n += 1
+        binomial *= (p + n - 1) / n
+        more += binomial * float(_along(kernel, key, slopes, n))
+        left = (
+            abs(binomial) * reach**n * size / (1.0 - min(reach * max((p + n) / (n + 1), 1.0), 0.99))
+        )
+        if left < 1e-17 * max(abs(more), 1e-17 * size) or n > _MOST:
+            break
+    return own + Fraction(more) / (2 if rule == "mean-kernel" else 1)
+
+
 def _support(kernel: Kernel | Gaussian) -> Fraction | None:
     return fraction(kernel.support) if isinstance(kernel, Kernel) else None
 

@@ -9,7 +9,9 @@ is Σ V (g + σ²∇²g), and to first order its derivatives with respect to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 from sphtrunc.arithmetic.rational import fraction
@@ -20,10 +22,11 @@ from sphtrunc.operators.moments import unit
 from sphtrunc.operators.operator import NESTED, Operator
 from sphtrunc.operators.terms import Key, monomial, parts
 from sphtrunc.theory.disorder.prediction import Prediction
-from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of
+from sphtrunc.theory.variable_h.moments import derivatives_of, lattice_sums_of, summed
 
 if TYPE_CHECKING:
     from sphtrunc.arithmetic.summation import Array
+    from sphtrunc.kernels.gaussian import Gaussian
     from sphtrunc.scenes.arrangement import Arrangement
 
 _NEAR, _FAR = 1e-5, 1e-3  # steps of first and second differences
@@ -45,23 +48,13 @@ def predict_varying(
     """
     require_rule(rule)
     require_support(fraction(kernel.support), gradient, rule)
-    if operator.form == NESTED:
-        raise ValueError("form: nested sums see every particle's own h; expected another form")
-    if scene.volume != "constant" or not scene.at_particle:
-        raise ValueError(
-            "scene: with a gradient of h there is theory for constant volumes and targets that are"
-            " particles"
-        )
+    Slope(tuple(gradient), rule).require(kernel, operator, scene)
     dim, distribution = scene.dim, scene.distribution
     if not scene.sigma:
         sums = lattice_sums_of(kernel, operator.needed(dim, degree), scene, gradient, rule)
         found = operator.correct(sums, dim, degree)
         mean = {alpha: float(m) for alpha, m in found.items()}
         return Prediction(0.0, distribution, mean, dict.fromkeys(mean, 0.0), "lattice sum")
-    if distribution == "blue":
-        raise ValueError(
-            "distribution: blue displacements depend on one another; expected gaussian"
-        )
     return _displaced(kernel, operator, scene, gradient, rule, degree)
 
 
@@ -119,7 +112,62 @@ def _displaced(
     )
 
 
-def term_values(kernel: Kernel, key: Key, s: Array, slopes: Array) -> Array:
+@dataclass(frozen=True)
+class Slope:
+    """h = h_a (1 + g·s) and a rule for whose h a pair takes."""
+
+    gradient: tuple[Fraction, ...]
+    rule: str
+
+    def require(self, kernel: Kernel | Gaussian, operator: Operator, scene: Arrangement) -> None:
+        """Raises ValueError for what has no theory: see `predict_varying`."""
+        if not isinstance(kernel, Kernel):
+            raise ValueError(
+                "scene: with a gradient of h there is theory for polynomials,"
+                f" {kernel.name} is none"
+            )
+        if operator.form == NESTED:
+            raise ValueError("form: nested sums see every particle's own h; expected another form")
+        if scene.volume != "constant" or not scene.at_particle or scene.wall is not None:
+            raise ValueError(
+                "scene: with a gradient of h there is theory for constant volumes, targets that are"
+                " particles, and no wall"
+            )
+        if scene.sigma and scene.distribution == "blue":
+            raise ValueError(
+                "distribution: blue displacements depend on one another; expected gaussian"
+            )
+
+    def wider(self, kernel: Kernel | Gaussian) -> float:
+        """How many supports of the target hold every particle that it sees.
+
+        Raises ValueError where there is no end to it: |g|κ >= 1.
+        """
+        require_support(fraction(kernel.support), self.gradient, self.rule)
+        steep = sqrt(sum(float(g) ** 2 for g in self.slopes))
+        return 1.0 / (1.0 - steep * float(kernel.support))
+
+    @property
+    def slopes(self) -> tuple[Fraction, ...]:
+        """The gradient of the h of a pair."""
+        return tuple(slope_share(self.rule) * g for g in self.gradient)
+
+    def term(self, kernel: Kernel | Gaussian, key: Key, s: Array) -> Array:
+        """The term of a base sum at offsets s, (…, d)."""
+        import numpy as np
+
+        flat, none = s.reshape(-1, s.shape[-1]), np.zeros(s.shape[-1])
+        values = term_values(kernel, key, flat, np.array([float(g) for g in self.slopes]))
+        if self.rule == "mean-kernel":
+            values = 0.5 * (values + term_values(kernel, key, flat, none))
+        return np.asarray(values.reshape(s.shape[:-1]))
+
+    def moment(self, kernel: Kernel, key: Key) -> Any:
+        """The base sum for Δx/h → 0."""
+        return summed(kernel, key, self.gradient, self.rule)
+
+
+def term_values(kernel: Kernel | Gaussian, key: Key, s: Array, slopes: Array) -> Array:
     """H^{−d−k} s^α (−1)^k ∂^δŴ(s/H), (N,), 0 where H <= 0."""
     import numpy as np
 

@@ -225,23 +225,43 @@ def semi_analytic(
     kernel: Kernel, operator: Operator, dim: int, degree: int, eta: Rational, axis: int = 0
 ) -> dict[MultiIndex, Any]:
     """The moments of the estimate that is normalised by γ, for Δx/h → 0."""
-    zero = unit(dim, 0, 0)
-    gamma = cut_sum(kernel, (zero, zero), eta)
     sums = {key: cut_sum(kernel, key, eta) for key in operator.needed(dim, degree)}
     moments = operator.correct(sums, dim, degree, axis)
-    normal = unit(dim, 0)
+    return by_gamma(kernel, operator, moments, eta, axis)
+
+
+def by_gamma(
+    kernel: Kernel,
+    operator: Operator,
+    moments: Mapping[MultiIndex, Any],
+    eta: Rational,
+    axis: int = 0,
+) -> dict[MultiIndex, Any]:
+    """The moments of an estimate normalised by γ from those of its sums, derived or measured: the
+    terms of the wall and γ are integrals whatever the particles are."""
+    dim = len(next(iter(moments)))
+    zero, normal = unit(dim, 0, 0), unit(dim, 0)
+    gamma = cut_sum(kernel, (zero, zero), eta)
+    measured = not all(isinstance(m, Expr) for m in moments.values())
+
+    def number(x: Any) -> Any:
+        return float(x) if measured else x
+
+    found = {}
 
     def on_wall(alpha: MultiIndex) -> Any:
         return plane(kernel, (zero, alpha), -eta)
 
-    for alpha in multi_indices(dim, degree):
+    for alpha, moment in moments.items():
+        term: Any = Rational(0)
         if operator.name == "gradient" and axis == 0:
-            moments[alpha] = moments[alpha] - on_wall(alpha)
+            term = on_wall(alpha)
         elif operator.name == "laplacian" and alpha[0]:
             lower = tuple(n - m for n, m in zip(alpha, normal, strict=True))
             own = on_wall(zero) if alpha == normal else 0
-            moments[alpha] = moments[alpha] - own - alpha[0] * on_wall(lower)
-    return {alpha: value / gamma for alpha, value in moments.items()}
+            term = own + alpha[0] * on_wall(lower)
+        found[alpha] = (moment - number(term)) / number(gamma)
+    return found
 
 
 def semi_analytic_response(

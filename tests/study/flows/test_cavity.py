@@ -105,13 +105,16 @@ def test_every_column_of_the_published_table_is_whole() -> None:
 
 
 def test_correction_is_what_disorder_needs() -> None:
-    """σ/Δx = 0.1: corrected it costs little, uncorrected u_min is off by more than 5 %."""
-    even, shaken = off(solved(33)), off(solved(33, shaken=True))
-    bare, wild = off(solved(33, corrected=False)), off(solved(33, corrected=False, shaken=True))
+    """σ/Δx = 0.1 changes the centre line of the uncorrected flow at least twice as much, and on the
+    lattice already it is further from the spectral solution than the corrected one."""
+    changes = []
+    for corrected in (True, False):
+        still, shaken = (solved(33, corrected, moved).profiles[0] for moved in (False, True))
+        changes.append(float(np.sqrt(np.mean((shaken.u_line - still.u_line) ** 2))))
+    assert changes[1] > 2 * changes[0]
+    even, bare = off(solved(33)), off(solved(33, corrected=False))
     for name in even:
-        assert abs(shaken[name] - even[name]) < 0.06, name
         assert bare[name] > 2 * even[name], name
-    assert wild["u_min"] > 0.05
 
 
 def test_where_newton_stops_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
