@@ -17,7 +17,7 @@ from sphtrunc.kernels.catalogue import named, names
 from sphtrunc.kernels.parse import kernel
 from sphtrunc.scenes.jittered import jittered
 from sphtrunc.scenes.sites import KINDS, sites, units
-from tests.explorer.settings import TABLES, engine, words
+from tests.explorer.settings import TABLES, apart, engine, words
 
 
 def test_every_kernel_of_the_catalogue():
@@ -224,6 +224,20 @@ def test_first_order_is_the_limit_of_small_displacements(form):
     assert got["disorder"] == pytest.approx(split.disorder, rel=1e-3)
     assert got["smoothing"] == split.smoothing
     assert got["total"] == pytest.approx(split.total, rel=1e-3)
+
+
+def test_sums_that_are_zero_by_symmetry_keep_their_derivatives():
+    """On fcc many base sums cancel exactly, and still change with displacements."""
+    at = Setting(
+        kernel="polynomial:1",
+        lattice="fcc",
+        form="difference",
+        correction="rkpm-3",
+        dx_over_h="1839/2500",
+        h_over_lambda="441/50000",
+        jitter="277/1000",
+    )
+    assert not apart(at, engine()("numbersOf", words(at))["is"], numbers(at))
 
 
 TRIED = [
