@@ -154,7 +154,7 @@ def edge_term(kernel: Kernel, ratio: float) -> float:
 
         (Δx/h)^{β+2} B_{β+2}/(β+2)! (1 − 2^{−β−1}) [2κ Ŵ^{(β+2)}(κ) + 2(β+1) Ŵ^{(β+1)}(κ)],
 
-    which is zero for odd β and knows nothing of interior knots (Quinlan, Lastiwka & Basa 2006,
+    which is zero for odd β and knows nothing of interior knots (Quinlan, Basa & Lastiwka 2006,
     doi:10.1002/nme.1617).
     """
     from sympy import bernoulli

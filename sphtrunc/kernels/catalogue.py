@@ -19,7 +19,7 @@ from sphtrunc.kernels.piecewise import q
 
 _WENDLAND = "Wendland (1995) doi:10.1007/BF02123482"
 _DEHNEN = f"{_WENDLAND}; Dehnen & Aly (2012) doi:10.1111/j.1365-2966.2012.21439.x"
-_POLYNOMIAL = "Quinlan, Lastiwka & Basa (2006) doi:10.1002/nme.1617"
+_POLYNOMIAL = "Quinlan, Basa & Lastiwka (2006) doi:10.1002/nme.1617"
 _SPLINE = "Schoenberg (1946) doi:10.1090/qam/15914"
 _MONAGHAN = "Monaghan & Lattanzio (1985) Astron. Astrophys. 149:135"
 _MORRIS = "Morris, Fox & Zhu (1997) doi:10.1006/jcph.1997.5776"

@@ -46,7 +46,7 @@ CONVENTIONS: dict[str, Convention] = {
     "fwhm": Convention(
         "full width at half maximum", "MARTINI (2024) doi:10.21105/joss.06860", True
     ),
-    "dx-over-h": Convention("Δx/h", "Quinlan, Lastiwka & Basa (2006) doi:10.1002/nme.1617"),
+    "dx-over-h": Convention("Δx/h", "Quinlan, Basa & Lastiwka (2006) doi:10.1002/nme.1617"),
     "hdx": Convention("h/Δx", "PySPH"),
     "hfact": Convention("h (ρ/m)^(1/d), which is h/Δx", "Phantom (2018) doi:10.1017/pasa.2018.25"),
     "coefh": Convention("h/(√d Δx)", "DualSPHysics (2022) doi:10.1007/s40571-021-00404-2"),

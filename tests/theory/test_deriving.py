@@ -78,7 +78,7 @@ def test_cubic_spline_is_exact_at_an_irrational_ratio():
 
 
 def test_discretisation_part_at_four_elevenths():
-    """The values of Quinlan, Lastiwka & Basa's special case, with and without interior knots."""
+    """The values of Quinlan, Basa & Lastiwka's special case, with and without interior knots."""
     poly = derive("polynomial:4", dx_over_h="4/11").discretisation[1]
     cubic = derive("cubic-spline", dx_over_h="4/11").discretisation[1]
     assert round(float(poly), 12) == -0.000228926475
