@@ -155,7 +155,7 @@ def test_no_formula_of_the_catalogue_is_accused(shape: Kernel) -> None:
                 second_constant=f"({c})/h^{dim + 2}" if own.degree > 1 else None,
             )
             assert report.clean, report.to_text()
-            assert report.kernel == shape.name
+            assert kernel(report.kernel) == shape  # lucy in space is a Wendland function on a line
 
 
 SMOOTH = [k for k in SHAPES if k.smoothness >= 0]
