@@ -111,8 +111,8 @@ def test_the_leading_law_of_disorder(dim):
         (1, "7/10", 0.2, "uniform", "constant", 20000),
         (1, "1/2", 0.05, "blue", "constant", 20000),
         (1, "2/5", 0.02, "gaussian", "cell", 20000),
-        (2, "3/5", 0.2, "gaussian", "constant", 5000),
-        (3, "7/10", 0.1, "gaussian", "constant", 1500),
+        (2, "4/5", 0.2, "gaussian", "constant", 2000),
+        (3, "19/20", 0.1, "gaussian", "constant", 600),
     ],
 )
 def test_in_disorder_the_prediction_is_as_good_as_it_says(
