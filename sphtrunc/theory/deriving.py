@@ -6,8 +6,8 @@ with B̃_n the periodic Bernoulli polynomials and [f^{(m)}](p) the jumps at all 
     Δs Σ_j f(s_j) = ∫ f ds + Σ_m (−1)^m Δs^{m+1}/(m+1)! Σ_p B̃_{m+1}(p/Δs − θ) [f^{(m)}](p),
 
 exactly: the sum over m ends at the degree of f (Euler–Maclaurin; Ralston 1965, Quinlan, Basa &
-Lastiwka 2006, doi:10.1002/nme.1617, for the knots at the edge). A particle on a jump counts with the
-mean of both sides, B̃_1(integer) = 0.
+Lastiwka 2006, doi:10.1002/nme.1617, for the knots at the edge). A particle on a jump counts with
+the mean of both sides, B̃_1(integer) = 0.
 """
 
 from __future__ import annotations
