@@ -83,7 +83,7 @@ def kinds(dim: int) -> list[str]:
 
 @st.composite
 def scenes(
-    draw: st.DrawFn, low: dict[int, Fraction], high: Fraction, dims: tuple[int, ...] = (1, 2, 3)
+    draw: st.DrawFn, low: dict[int, Fraction], high: Fraction, dims: tuple[int, ...] = (1, 1, 2, 2, 3)
 ) -> Any:
     """A lattice that is not too fine, seen from a particle or from beside it."""
     dim = draw(st.sampled_from(dims))
@@ -298,7 +298,7 @@ def test_means_and_spreads_under_disorder(scene: Any, name: str, operator: Opera
     assert_within_standard_errors(scene, name, operator, 2000)
 
 
-@examples(20)
+@examples(12)
 @given(
     disordered(),
     st.sampled_from(["quintic-spline", "wendland-c4", "polynomial:4"]),
