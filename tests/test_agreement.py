@@ -83,7 +83,10 @@ def kinds(dim: int) -> list[str]:
 
 @st.composite
 def scenes(
-    draw: st.DrawFn, low: dict[int, Fraction], high: Fraction, dims: tuple[int, ...] = (1, 1, 2, 2, 3)
+    draw: st.DrawFn,
+    low: dict[int, Fraction],
+    high: Fraction,
+    dims: tuple[int, ...] = (1, 1, 2, 2, 3),
 ) -> Any:
     """A lattice that is not too fine, seen from a particle or from beside it."""
     dim = draw(st.sampled_from(dims))
