@@ -1,7 +1,7 @@
 """Passes over the pairs of explicit particles: every sum that operators need, in one of them.
 
 Two engines evaluate the same formula (`pairs`): one compiled by Numba (`cells`, the extra `fast`),
-one on NumPy and SciPy (`neighbours`). Both sum the neighbours of a target in an order that depends
+one on NumPy and SciPy (`tree`). Both sum the neighbours of a target in an order that depends
 on the particles alone.
 """
 
@@ -11,13 +11,12 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sphtrunc.arithmetic.arrays import MOST
-from sphtrunc.arithmetic.summation import UNIT, Array, dd_add, two_sum
+from sphtrunc.arithmetic.summation import UNIT, Array
 from sphtrunc.experiment.engine.pairs import (
     COUNT,
     Plan,
@@ -26,6 +25,7 @@ from sphtrunc.experiment.engine.pairs import (
     needed_terms,
     plan,
 )
+from sphtrunc.experiment.engine.sources import REACH, columns
 from sphtrunc.operators.terms import Key, parts
 from sphtrunc.scenes.particles import Particles
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from sphtrunc.kernels.kernel import Kernel
 
 ENGINES = ("numba", "numpy")
-_REACH = 1.0 + 1e-12  # what is looked at beyond the support: the formula decides what is inside
 _WORTH = 1 << 14  # particles from which on a compiled loop pays for its compilation
 _CROWD = 4096.0  # candidates for a target beyond which cells of one size do not fit the particles
 
@@ -78,44 +77,6 @@ def threads(workers: int | None) -> int:
     return workers
 
 
-def one_pass(
-    scene: Particles,
-    kernel: Kernel,
-    keys: Iterable[Key] = (),
-    *,
-    fields: object = (),
-    field_keys: Iterable[Key] = (),
-    difference: bool = False,
-    targets: object = None,
-    precision: str = "plain",
-    bound: bool = False,
-    quantum: float = 0.0,
-    workers: int | None = None,
-    engine: str | None = None,
-) -> Pass:
-    """One pass over the pairs of an explicit scene; its sums are read out by `Pass.sums`.
-
-    keys: base sums (δ, α), as from `Operator.needed`
-    fields: values at the particles, (n,) or (F, n); field_keys: the (δ, α) they are summed with
-    difference: A_b − A_a in place of A_b
-    targets: indices (T,), None for all
-    precision: "plain" or "compensated"; bound: add bounds of all rounding errors
-    quantum: relative error that the positions came with, 2⁻²⁴ for single precision; the bound
-        carries it
-    workers: threads, None for all cores; the results do not depend on it
-    engine: "numba" or "numpy"; None: Numba if it is there and the scene is large enough to be worth
-        the compilation
-
-    Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
-    unknown engine, and where the box is smaller than twice the support.
-    """
-    return prepared(
-        scene, kernel, keys, fields=fields, field_keys=field_keys, difference=difference,
-        targets=targets, precision=precision, bound=bound, quantum=quantum, workers=workers,
-        engine=engine,
-    ).run()  # fmt: skip
-
-
 def prepared(
     scene: Particles,
     kernel: Kernel,
@@ -131,29 +92,53 @@ def prepared(
     workers: int | None = None,
     engine: str | None = None,
 ) -> Work:
-    """The work of `one_pass`, whose arguments these are, before it is done."""
+    """One pass over the pairs of an explicit scene, before it is made.
+
+    keys: base sums (δ, α), as from `Operator.needed`
+    fields: values at the particles, (n,) or (F, n); field_keys: the (δ, α) they are summed with
+    difference: A_b − A_a in place of A_b
+    targets: indices (T,), None for all
+    precision: "plain" or "compensated"; bound: add bounds of all rounding errors
+    quantum: relative error that the positions came with, 2⁻²⁴ for single precision; the bound
+        carries it
+    workers: threads, None for all cores; the results do not depend on it
+    engine: "numba" or "numpy"; None: Numba if it is there and the scene is large enough to be worth
+        the compilation
+
+    Raises ValueError for fields of a wrong shape or not finite, targets that are no particles, an
+    unknown engine, and where the box is smaller than twice the support.
+    """
     scene = scene.in_plain_units()
     keys, field_keys = list(keys), list(field_keys)
     values = _field_values(fields, scene.population)
     if precision not in ("plain", "compensated"):
         raise ValueError(f"precision: got {precision!r}, expected plain or compensated")
     zero = (0,) * scene.dim
-    task = plan(
+    task = plan_for(
+        scene,
         kernel,
-        scene.dim,
         [*needed_terms(keys, len(values), field_keys), Term(COUNT, zero, -1)],
         fields=len(values),
         difference=difference,
-        mode="one" if scene.one_h else scene.mode,
-        low=scene.period is not None,
         compensated=precision == "compensated",
         bound=bound,
         quantum=quantum,
     )
-    return _work(scene, kernel, task, values, targets, keys, field_keys, workers, engine)
+    return work(scene, kernel, task, values, targets, keys, field_keys, workers, engine)
 
 
-def _work(
+def one_pass(scene: Particles, kernel: Kernel, keys: Iterable[Key] = (), **options: Any) -> Pass:
+    """The pass that is `prepared`, whose arguments these are; its sums are read by `Pass.sums`."""
+    return prepared(scene, kernel, keys, **options).run()
+
+
+def plan_for(scene: Particles, kernel: Kernel, terms: Iterable[Term] = (), **more: Any) -> Plan:
+    """The plan of these terms on particles of one h or several, in a box or in the open."""
+    mode = "one" if scene.one_h else scene.mode
+    return plan(kernel, scene.dim, terms, mode=mode, low=scene.period is not None, **more)
+
+
+def work(
     scene: Particles,
     kernel: Kernel,
     task: Plan,
@@ -173,119 +158,20 @@ def _work(
         raise ValueError(f"engine: got {engine!r}, expected one of {', '.join(names)}")
     chosen, wanted = _targets(targets, scene.population)
     per_h = 1.0 / scene.h
-    columns, reach, _ = _columns(scene, kernel, task, values, per_h)
+    rows, reach, _ = columns(scene, kernel, task, values, per_h)
     name = engine or names[0 if scene.population >= _WORTH else -1]
     if name == "numba":
         from sphtrunc.experiment.engine import cells
 
-        if engine is None and cells.crowd(columns[: scene.dim], reach) > _CROWD:
+        if engine is None and cells.crowd(rows[: scene.dim], reach) > _CROWD:
             name = "numpy"
-    return Work(task, columns, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
-
-
-@dataclass(frozen=True, eq=False)
-class Grouped:
-    """Sums as an engine left them, (n, sums), read out a part of the targets at a time.
-
-    scale: (T,) 1/h^d; sign: (G,) of the sums that are read; targets: indices (T,), or all
-    """
-
-    rows: Array
-    scale: Array
-    sign: Array
-    targets: Any
-
-    def block(self, part: slice) -> Array:
-        """(G, T) of these targets, in units of h."""
-        rows = self.rows[part] if isinstance(self.targets, slice) else self.rows[self.targets[part]]
-        found = np.array(rows[:, : self.sign.size].T, order="C")
-        found *= self.scale[part]
-        found *= self.sign[:, None]
-        return found
-
-    @property
-    def neighbours(self) -> int:
-        """How many a target has at most: the last of the rows counts them."""
-        seen = self.rows[self.targets, -1].astype(np.int64) & (int(MOST) - 1)
-        return int(seen.max(initial=0))
-
-
-def grouped(
-    scene: Particles,
-    kernel: Kernel,
-    fields: Sequence[Array],
-    groups: Sequence[Sequence[tuple[Key, int]]],
-    *,
-    targets: object = None,
-    workers: int | None = None,
-    engine: str | None = None,
-) -> Grouped:
-    """Σ_b Σ (key) A_b of each group of (key, number of the field), without volumes.
-
-    fields: (n,) each; keys: of at most one derivative, all of a group of the same order
-    """
-    scene = scene.in_plain_units()
-    terms = [tuple(_term(key, field) for key, field in group) for group in groups]
-    count = (Term(COUNT, (0,) * scene.dim, -1),)
-    task = _grouped_plan(scene, kernel, groups=[*terms, count], fields=len(fields))
-    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
-    sign = np.array([(-1.0) ** sum(group[0][0][0]) for group in groups])
-    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, sign, done.targets)
-
-
-def sizes(
-    scene: Particles,
-    kernel: Kernel,
-    fields: Sequence[Array],
-    keys: Iterable[Key],
-    room: int,
-    *,
-    targets: object = None,
-    workers: int | None = None,
-    engine: str | None = None,
-) -> Grouped:
-    """A bound of what rounding makes of Σ_b (key) A_b for any of the keys and any |A| <= the field,
-    of every field: that of the pair formula, and `room` more roundings of every term, u each.
-
-    fields: (n,) each, not negative
-    """
-    scene = scene.in_plain_units()
-    zero = (0,) * scene.dim
-    task = _grouped_plan(
-        scene,
-        kernel,
-        terms=dict.fromkeys(_term(key, -1) for key in keys),
-        groups=[(Term(COUNT, zero, i),) for i in range(len(fields))],
-        fields=len(fields),
-        room=room,
-    )
-    done = _work(scene, kernel, task, fields, targets, [], [], workers, engine).run()
-    more = np.full(len(fields), 1.0 + 1e-9)
-    return Grouped(done.rows, done.per_h[done.targets] ** scene.dim, more, done.targets)
-
-
-def _term(key: Key, field: int) -> Term:
-    ((_, beta, k),) = parts(key)
-    return Term(k, beta, field)
-
-
-def _grouped_plan(
-    scene: Particles, kernel: Kernel, terms: Iterable[Term] = (), **more: Any
-) -> Plan:
-    return plan(
-        kernel,
-        scene.dim,
-        terms,
-        mode="one" if scene.one_h else scene.mode,
-        low=scene.period is not None,
-        **more,
-    )
+    return Work(task, rows, per_h, reach, wanted, chosen, keys, field_keys, name, workers)
 
 
 def pair_sums(
     scene: Particles, kernel: Kernel, keys: Iterable[Key] = (), **options: Any
 ) -> PairSums:
-    """The sums of all targets of `one_pass`, whose arguments these are."""
+    """The sums of all targets in one pass, as it is `prepared`, whose arguments these are."""
     return one_pass(scene, kernel, keys, **options).sums()
 
 
@@ -351,7 +237,7 @@ class Work:
         along = self._along()
         targets = which if isinstance(self.targets, slice) else self.targets[which]
         one_reach = self.reach.size == 1
-        far = float((self.reach if one_reach else self.reach[targets]).max()) * _REACH
+        far = float((self.reach if one_reach else self.reach[targets]).max()) * REACH
         low, high = along[targets].min() - far, along[targets].max() + far
         seen = np.flatnonzero((along >= low) & (along <= high))
         own = seen[: np.searchsorted(seen, n)]
@@ -486,91 +372,6 @@ def _targets(targets: object, n: int) -> tuple[Any, Any]:
     return chosen.astype(np.int64), wanted
 
 
-def volumes(scene: Particles, kernel: Kernel) -> Array:
-    """V_b of every particle, (n,), by the rule of the scene."""
-    if scene.given is not None:
-        return scene.given
-    return scene._cells() if scene.volume == "cell" else scene._summed(kernel)[0]
-
-
-def _columns(
-    scene: Particles, kernel: Kernel, task: Plan, values: Sequence[Array] | Array, per_h: Array
-) -> tuple[tuple[Array, ...], Array, Any]:
-    """Rows of the sources, images of a periodic box included; how far each target looks; which
-    particle each source is, None where there are no images."""
-    support = float(kernel.support)
-    h = scene.h
-    if scene.one_h:
-        reach = h[:1] if np.all(h == h[0]) else h
-    else:
-        reach = 0.5 * (h + h.max()) if scene.mode == "mean" else np.full(1, h.max())
-    # positions carry their own rounding where they are far from the origin of the box
-    closed = np.empty(0) if scene.period is None else scene.period[np.isfinite(scene.period)]
-    spread = max(float(np.abs(scene.x).max()), float(closed.max(initial=0.0)))
-    reach = support * reach * _REACH + 4.0 * UNIT * spread
-    volume = volumes(scene, kernel)
-    extra = [per_h] if task.mode != "one" else []
-    if scene.period is None:
-        return (*scene.x, volume, *values, *extra), reach, None
-    widest = float(reach.max())
-    if np.any(scene.period <= 2.0 * widest):
-        raise ValueError(
-            f"period: got {scene.period.tolist()}, expected more than twice the support,"
-            f" {2.0 * widest:g}: a particle would meet its own image"
-        )
-    places, source = _with_images(scene.x, scene.period, widest)
-    return (*places, *(row[source] for row in (volume, *values, *extra))), reach, source
-
-
-def _with_images(x: Array, period: Array, reach: float) -> tuple[list[Array], Any]:
-    """Positions in the box as pairs of floats (d high, d low), then the images within `reach` of
-    it, and which particle each one is."""
-    high, low = [], []
-    for row, box in zip(x, period, strict=True):
-        if np.isinf(box):  # an open axis
-            high.append(row)
-            low.append(np.zeros_like(row))
-            continue
-        turns = np.floor(row / box)
-        # row − turns·box without error: the product of a small integer and a float in two parts
-        big = turns * box
-        rest = _product_rest(turns, float(box), big)
-        hi, lo = dd_add(two_sum(row, -big), (-rest, np.zeros_like(rest)))
-        high.append(hi)
-        low.append(lo)
-    parts_high, parts_low = [np.stack(high)], [np.stack(low)]
-    source = [np.arange(x.shape[1])]
-    for shift in product(*((0,) if np.isinf(side) else (-1, 0, 1) for side in period)):
-        if not any(shift):
-            continue
-        near = np.ones(x.shape[1], dtype=np.bool_)
-        for i, k in enumerate(shift):
-            if k:
-                near &= high[i] < reach if k > 0 else high[i] >= period[i] - reach
-        which = np.flatnonzero(near)
-        if not which.size:
-            continue
-        moved_high, moved_low = parts_high[0][:, which].copy(), parts_low[0][:, which].copy()
-        for i, k in enumerate(shift):
-            if k:
-                both = (moved_high[i], moved_low[i])
-                box = np.full(which.size, k * period[i])
-                moved_high[i], moved_low[i] = dd_add(both, (box, np.zeros_like(box)))
-        parts_high.append(moved_high)
-        parts_low.append(moved_low)
-        source.append(which)
-    places = [*np.concatenate(parts_high, axis=1), *np.concatenate(parts_low, axis=1)]
-    return places, np.concatenate(source)
-
-
-def _product_rest(a: Array, b: float, product_: Array) -> Array:
-    """a·b − fl(a·b)."""
-    from sphtrunc.arithmetic.summation import two_product
-
-    high, rest = two_product(a, np.full_like(a, b))
-    return np.asarray(rest + (high - product_))
-
-
 def pairs_with_terms(
     scene: Particles, kernel: Kernel, keys: list[Key], targets: Any
 ) -> tuple[Any, Any, Mapping[Key, Array]]:
@@ -579,18 +380,13 @@ def pairs_with_terms(
     from sphtrunc.experiment.engine import tree as neighbours
 
     scene = scene.in_plain_units()
-    task = plan(
-        kernel,
-        scene.dim,
-        [*needed_terms(keys, 0, ()), Term(COUNT, (0,) * scene.dim, -1)],
-        mode="one" if scene.one_h else scene.mode,
-        low=scene.period is not None,
-    )
+    wanted = [*needed_terms(keys, 0, ()), Term(COUNT, (0,) * scene.dim, -1)]
+    task = plan_for(scene, kernel, wanted)
     per_h = 1.0 / scene.h
-    columns, reach, source = _columns(scene, kernel, task, np.empty((0, scene.population)), per_h)
+    rows_of, reach, source = columns(scene, kernel, task, np.empty((0, scene.population)), per_h)
     scale = per_h**scene.dim
     rows, particles, found = [], [], []
-    for block, i, j, terms in neighbours.listed(task, columns, per_h, reach, targets):
+    for block, i, j, terms in neighbours.listed(task, rows_of, per_h, reach, targets):
         sums = dict(zip(task.terms, terms, strict=True))
         inside = sums[task.terms[-1]] > 0.0
         here = targets[block[i[inside]]]
