@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from fractions import Fraction
 from math import pi, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +16,8 @@ from sphtrunc.output import emit, wrapped
 from sphtrunc.version import __version__
 
 if TYPE_CHECKING:
-    from sphtrunc.study.stability import Found, Pairing, Stability
+    from sphtrunc.study.pairing import Pairing
+    from sphtrunc.study.stability import Found, Stability
     from sphtrunc.theory.dispersion.modes import Mode, Rest
 
 REMEDIES = ("artificial-stress:EPS", "total-lagrangian", "stress-points")
@@ -105,7 +107,7 @@ def command(**given: Any) -> None:
     rest, exact = _rest(given)
     if given["pairing"]:
         _only(given, "pairing")
-        from sphtrunc.study.stability import pairing
+        from sphtrunc.study.pairing import pairing
 
         found = pairing(rest)
         text, document = _pairing_text(rest, found), _pairing_document(rest, found)
@@ -296,7 +298,7 @@ def _exactly(value: Any) -> Any:
 
 
 def _document(seen: Stability, modes: list[Wave], exact: bool) -> dict[str, Any]:
-    from sphtrunc.study.stability import as_dict, neighbours
+    from sphtrunc.study.stability import neighbours
 
     rest = seen.rest
     ratio = float(rest.ratio)
@@ -317,11 +319,11 @@ def _document(seen: Stability, modes: list[Wave], exact: bool) -> dict[str, Any]
         ],
         "sound_speed2": _plain(seen.sound_speed2, exact),
         "dispersion": _plain(seen.dispersion, exact),
-        "worst": as_dict(seen.worst),
-        "branches": {name: as_dict(found) for name, found in seen.branches.items()},
-        "fastest": None if seen.fastest is None else as_dict(seen.fastest),
+        "worst": asdict(seen.worst),
+        "branches": {name: asdict(found) for name, found in seen.branches.items()},
+        "fastest": None if seen.fastest is None else asdict(seen.fastest),
         "stable": seen.stable,
-        "ranges": {name: [as_dict(r) for r in found] for name, found in seen.ranges.items()},
+        "ranges": {name: [asdict(r) for r in found] for name, found in seen.ranges.items()},
         "zero_modes": [_shown(rest, kappa)[0] for kappa in seen.zero_modes],
         "courant": {n: None if c == float("inf") else c for n, c in seen.courant.items()},
         "highest": {"omega2": seen.highest, "k": list(seen.highest_k)},
@@ -338,9 +340,7 @@ def _plain(value: Any, exact: bool) -> Any:
 
 
 def _pairing_document(rest: Rest, found: Pairing) -> dict[str, Any]:
-    from sphtrunc.study.stability import as_dict
-
-    return {**_setting(rest), "pairing": as_dict(found), "version": __version__}
+    return {**_setting(rest), "pairing": asdict(found), "version": __version__}
 
 
 def _head(rest: Rest) -> str:

@@ -9,7 +9,7 @@ somewhere, Wendland's too.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from itertools import pairwise, product
@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sphtrunc.kernels.conventions import BALL
-from sphtrunc.operators.forces import GRAD_H, PLAIN
 from sphtrunc.theory.dispersion.brillouin import POINTS, directions, grid, scale, shortest
 from sphtrunc.theory.dispersion.lattice_waves import Scan
 from sphtrunc.theory.dispersion.modes import LONGITUDINAL, TRANSVERSE, Rest, Spectrum, eigenvalues
@@ -40,8 +39,6 @@ NEIGHBOURS = {1: (2.2, 16.0), 2: (8.0, 150.0), 3: (20.0, 400.0)}
 #: divisions of the zone where many settings are looked at
 COARSE = {1: 120, 2: 24, 3: 12}
 SETTINGS = 80
-#: of the largest number of neighbours that `pairing` looks at
-MOST_NEIGHBOURS = 1000.0
 _REFINED = 1e-8  # of κ
 _NOISE = 1e-14  # of ω² in c²/h², or of the largest: what changes by less does not change
 _FAR = 8.0  # steps, to which a parabola is believed
@@ -139,7 +136,7 @@ def viscous_step(rest: Rest, alpha: float) -> float:
     end = 1.001 * courant(highest)["leapfrog"]
     if end == inf:
         raise ValueError("viscosity: no wave oscillates, so that none limits the time step")
-    return _root(most, (1e-3 * end, end))
+    return root(most, (1e-3 * end, end))
 
 
 def neighbours(kernel: Kernel | Gaussian, dim: int, ratio: float) -> float:
@@ -314,7 +311,7 @@ def _parabola(moves: Array, values: Array) -> Array:
 
 def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     """branch -> ranges of Δx/h where it is stable, everything else equal, on a grid of the zone;
-    ends are bisected."""
+    ends to a millionth."""
     low, high = (ratio_of(rest.kernel, rest.dim, n) for n in reversed(NEIGHBOURS[rest.dim]))
     if rest.stress is not None:
         high = min(high, 0.999 * float(rest.kernel.support) / float(rest.stress.spacing))
@@ -330,7 +327,7 @@ def stable_ranges(rest: Rest) -> dict[str, list[Range]]:
     for branch in branches_of(rest.dim):
         stable = [row[branch] >= 0 for row in rows]
         edges = [
-            _root(
+            root(
                 partial(_margin, margins, branch), grid_[i : i + 2], [x[branch] for x in pair], 1e-6
             )
             for i, pair in enumerate(pairwise(rows))
@@ -385,120 +382,7 @@ def curve(rest: Rest, counts: Sequence[float]) -> Curve:
     )
 
 
-@dataclass(frozen=True)
-class Pairing:
-    """The first number of neighbours at which the longitudinal branch fails under pressure, and
-    where in the zone; neighbours None where it does not up to `most`, the least that was looked at
-    where it always does."""
-
-    neighbours: float | None
-    dx_over_h: float | None
-    k: tuple[float, ...] | None
-    point: str | None
-    most: float
-
-
-def pairing(rest: Rest, most: float = MOST_NEIGHBOURS, divisions: int = 0) -> Pairing:
-    """The pairing limit of a kernel on a lattice: neighbours are added until a longitudinal mode
-    of the zone loses its restoring force.
-
-    Where S(k) = 0, as at the points of symmetry, this depends on the kernel and the lattice alone.
-    The limit is good to the digits of the sums at a point of the grid of the zone, which has all
-    points of symmetry; between its points modes that are part longitudinal, part a shear may fail
-    some percent earlier. Windows of neighbours that are narrower than a step, a 60th of a factor e,
-    are found where a wave of the grid dips towards them.
-
-    divisions: of the grid, as for `brillouin.grid`
-
-    Raises ValueError unless p > 0, and for forms whose modes have no stiffness to lose.
-    """
-    if rest.pressure <= 0:
-        raise ValueError(
-            f"pairing: got p = {rest.pressure}, expected a pressure: under tension particles clump"
-            " at any number of neighbours"
-        )
-    if rest.zero_modes() or (rest.force.gradient not in (PLAIN, GRAD_H) and not rest.force.rate):
-        raise ValueError(
-            f"pairing: in the form {rest.force.name} the pressure holds no particles apart, so that"
-            " no number of neighbours is the first; expected symmetric, grad-h or csph-symmetric"
-        )
-    least = NEIGHBOURS[rest.dim][0]
-    reach = float(rest.kernel.support) / ratio_of(rest.kernel, rest.dim, most)
-    scan = rest.scan(grid(rest.kind, divisions), reach)
-
-    def branch(count: float, waves: Scan = scan) -> tuple[Array, float]:
-        """ω² of all waves, and what rounding did to it."""
-        at = replace(rest, ratio=Fraction(ratio_of(rest.kernel, rest.dim, count)))
-        seen = at.frequencies(waves)
-        return lowest(seen, LONGITUDINAL), seen.rounding
-
-    def lowest_of(wave: int, before: float, after: float) -> tuple[float, float]:
-        """Where ω² of one wave is least between two numbers, and that."""
-        one = scan.of(scan.kappa[wave : wave + 1])
-        n = _lowest_between(lambda n: float(branch(n, one)[0][0]), before, after)
-        return n, float(branch(n, one)[0][0])
-
-    def edge(before: float, count: float) -> Pairing:
-        """Where the weakest wave fails between two numbers."""
-        n = _root(lambda n: float(branch(n)[0].min()), (before, count))
-        return found(n, int(branch(n)[0].argmin()))
-
-    def found(count: float, worst: int) -> Pairing:
-        kappa = scan.kappa[worst]
-        ratio = ratio_of(rest.kernel, rest.dim, count)
-        k = in_spacings(rest.kind, kappa)
-        return Pairing(count, ratio, k, named(rest.kind, kappa), most)
-
-    steps = [float(n) for n in np.geomspace(least, most, int(60 * np.log(most / least)) + 2)]
-    rows: list[Array] = []
-    stable, never = False, True
-    for i, count in enumerate(steps):
-        values, rounding = branch(count)
-        rows.append(values)
-        for wave in _dips(rows[-3:]) if stable else ():
-            n, value = lowest_of(wave, steps[i - 2], count)
-            if value < -rounding:
-                return edge(steps[i - 2], n)
-        if stable and values.min() < -rounding:
-            return edge(steps[i - 1], count)
-        stable |= bool(values.min() > rounding)
-        never &= bool(values.min() < -rounding)
-    return (
-        found(steps[0], int(rows[0].argmin())) if never else Pairing(None, None, None, None, most)
-    )
-
-
-def _dips(rows: Sequence[Array]) -> list[int]:
-    """The waves whose least value lies between three steps and may be below zero: by the parabola
-    through them, twice as deep."""
-    if len(rows) < 3:
-        return []
-    before, here, after = rows
-    bend, slope = before - 2 * here + after, (after - before) / 2
-    dips = (here > 0) & (here <= np.minimum(before, after)) & (bend > 0)
-    depth = slope**2 / np.where(dips, 2 * bend, 1.0)
-    return [int(wave) for wave in np.flatnonzero(dips & (here < 2 * depth + bend / 8))]
-
-
-def _lowest_between(function: Callable[[float], float], a: float, b: float) -> float:
-    """Where a function with one valley is least, to 1e-6 of the interval (golden section)."""
-    part = (sqrt(5) - 1) / 2
-    width = b - a
-    c, d = b - part * (b - a), a + part * (b - a)
-    fc, fd = function(c), function(d)
-    while b - a > 1e-6 * width:
-        if fc < fd:
-            b, d, fd = d, c, fc
-            c = b - part * (b - a)
-            fc = function(c)
-        else:
-            a, c, fc = c, d, fd
-            d = a + part * (b - a)
-            fd = function(d)
-    return c if fc < fd else d
-
-
-def _root(
+def root(
     function: Callable[[float], float],
     ends: Sequence[float],
     values: Sequence[float] | None = None,
@@ -508,6 +392,8 @@ def _root(
     (Illinois; Dowell & Jarratt 1971, doi:10.1007/BF01934364), every fourth time the middle.
 
     values: those at the ends, if known
+
+    SciPy's does as well, and takes longer to be imported than a setting to be found.
     """
     (a, b), (fa, fb) = ends, values or [function(x) for x in ends]
     side = 0
@@ -574,8 +460,3 @@ def stability_map(rest: Rest, ratios: Sequence[float], pressures: Sequence[float
         k2 = (scan.k / float(r)) ** 2
         relative[:, j] = (values.real / k2[:, None]).min(axis=(1, 2))
     return Map(np.asarray(ratios, dtype=float), p, rates, relative)
-
-
-def as_dict(found: Found | Pairing | Range) -> dict[str, Any]:
-    """For JSON."""
-    return asdict(found)

@@ -13,8 +13,8 @@ import pytest
 from sphtrunc.cli import main
 from sphtrunc.kernels.parse import kernel
 from sphtrunc.operators.forces import FORCES
-from sphtrunc.study.pairing import DENSEST, GAS, pairing_limit, sign_change
-from sphtrunc.study.stability import COARSE, pairing, ratio_of
+from sphtrunc.study.pairing import DENSEST, GAS, pairing, pairing_limit, sign_change
+from sphtrunc.study.stability import COARSE, ratio_of
 from sphtrunc.theory.dispersion.modes import Rest
 
 WENDLAND = ("wendland-c2", "wendland-c4", "wendland-c6")

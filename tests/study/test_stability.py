@@ -27,13 +27,13 @@ from sphtrunc.experiment.accelerations import (
 from sphtrunc.kernels.transform import transform
 from sphtrunc.operators.forces import FORCES, RATES, ArtificialStress, EquationOfState, force
 from sphtrunc.scenes.sites import KINDS, units
+from sphtrunc.study.pairing import pairing
 from sphtrunc.study.stability import (
     COARSE,
     NEIGHBOURS,
     courant,
     curve,
     neighbours,
-    pairing,
     ratio_of,
     stability,
     stability_map,
