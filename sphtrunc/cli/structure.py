@@ -85,13 +85,18 @@ def _with_places(text: str, places: Any, bins: int, form: str) -> str:
 
 
 def _place(one: Any, bins: int) -> dict[str, Any]:
-    fit = one.factor.fit()
-    k, S, error = one.factor.radial(bins)
     return {
         "low": one.low.tolist(),
         "size": one.size.tolist(),
         "particles": one.factor.particles,
         "dx": one.spacing,
+        **_curve(one.factor.fit(), *one.factor.radial(bins)),
+    }
+
+
+def _curve(fit: Any, k: Any, S: Any, error: Any) -> dict[str, Any]:
+    """S(k) with its errors, and what is fitted to it."""
+    return {
         "k_dx": k.tolist(),
         "S": S.tolist(),
         "error": error.tolist(),
@@ -138,13 +143,7 @@ def _json(factor: Any, k: Any, S: Any, error: Any) -> str:
         "dim": factor.dim,
         "particles": factor.particles,
         "modes": int(factor.k.shape[1]),
-        "k_dx": k.tolist(),
-        "S": S.tolist(),
-        "error": error.tolist(),
-        "exponent": fit.exponent,
-        "exponent_error": fit.exponent_error,
-        "plateau": fit.plateau,
-        "plateau_error": fit.plateau_error,
+        **_curve(fit, k, S, error),
         "fitted_up_to_k_dx": fit.upto,
         "fitted_modes": fit.modes,
         "directions": [{"ratio": value, "error": spread} for value, spread in factor.directions()],
