@@ -131,7 +131,7 @@ def numbers(at: Setting) -> dict[str, Any]:
 
     from sphtrunc.theory.disorder.propagation import propagate
     from sphtrunc.theory.disorder.sampling import slopes_of
-    from sphtrunc.theory.disorder.sensitivities import Stencil
+    from sphtrunc.theory.disorder.sensitivities import FirstNeighbours
     from sphtrunc.theory.field_error import predict_fields
     from sphtrunc.theory.fields import Waves
     from sphtrunc.theory.lattice_sums import lattice_moments
@@ -146,7 +146,7 @@ def numbers(at: Setting) -> dict[str, Any]:
     if sigma:
         slopes, _ = propagate(kernel, operator, scene, 3)
         spreads = [sigma * float(np.linalg.norm(slopes[alpha])) for alpha in along]
-        moved = slopes_of(Stencil(kernel, scene), operator, wave).values()
+        moved = slopes_of(FirstNeighbours(kernel, scene), operator, wave).values()
         disorder = sigma * sqrt(sum(float((g * g).sum()) for g in moved)) / (sqrt(2) * kappa)
     reach = float(kernel.support) / float(at.dx_over_h)
     lattice_error = sqrt(max(still.total**2 - still.rounding**2, 0.0))

@@ -12,7 +12,7 @@ from sphtrunc.arithmetic.dual import Dual, dual_solve
 from sphtrunc.operators.moments import MultiIndex, multi_indices
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.theory.disorder.nested import SecondNeighbours
-from sphtrunc.theory.disorder.sensitivities import Stencil
+from sphtrunc.theory.disorder.sensitivities import FirstNeighbours
 from sphtrunc.theory.fields import Taylor
 
 if TYPE_CHECKING:
@@ -43,15 +43,15 @@ def propagate(
         seen = SecondNeighbours(kernel, operator, scene, moved)
         alphas = multi_indices(seen.dim, degree)
         return {a: seen.slopes(Taylor([{a: 1.0}]))[0, axis, 0] for a in alphas}, seen.index
-    stencil = Stencil(kernel, scene, moved)
+    near = FirstNeighbours(kernel, scene, moved)
     symmetric = operator.form == SYMMETRIC
-    keys = operator.needed(stencil.dim, degree)
-    sums = {key: stencil.base_sum(key, 2 if symmetric else 1) for key in keys}
-    moments = operator.correct(sums, stencil.dim, degree, axis, dual_solve)
+    keys = operator.needed(near.dim, degree)
+    sums = {key: near.base_sum(key, 2 if symmetric else 1) for key in keys}
+    moments = operator.correct(sums, near.dim, degree, axis, dual_solve)
     if symmetric:
-        zero = (0,) * stencil.dim
-        (own,) = operator.coefficients(sums, stencil.dim)[axis]
-        moments[zero] = sums[own] + stencil.base_sum(own, 0)
-    none = np.zeros_like(stencil.s)
+        zero = (0,) * near.dim
+        (own,) = operator.coefficients(sums, near.dim)[axis]
+        moments[zero] = sums[own] + near.base_sum(own, 0)
+    none = np.zeros_like(near.s)
     slopes = {a: v.slope if isinstance(v, Dual) else none for a, v in moments.items()}
-    return slopes, stencil.index
+    return slopes, near.index

@@ -28,7 +28,7 @@ from sphtrunc.kernels.factors import factor_values
 from sphtrunc.operators.operator import NESTED, SYMMETRIC, Operator
 from sphtrunc.operators.terms import VALUE, monomial, parts
 from sphtrunc.theory.disorder.nested import SecondNeighbours, pairs_within
-from sphtrunc.theory.disorder.sensitivities import Stencil, dual_coefficients, mixing
+from sphtrunc.theory.disorder.sensitivities import FirstNeighbours, dual_coefficients, mixing
 from sphtrunc.theory.fields import Signals
 
 if TYPE_CHECKING:
@@ -76,14 +76,14 @@ def displaced(
 
     Raises ValueError where the correction is singular at all displacements.
     """
-    stencil: Stencil | SecondNeighbours
+    near: FirstNeighbours | SecondNeighbours
     if operator.form == NESTED:
-        stencil = SecondNeighbours(kernel, operator, scene)
+        near = SecondNeighbours(kernel, operator, scene)
     else:
-        stencil = Stencil(kernel, scene)
+        near = FirstNeighbours(kernel, scene)
     around = Around(kernel, operator, scene)
-    rows = around.rows_of(stencil.index)
-    slopes = slopes_of(stencil, operator, signals)
+    rows = around.rows_of(near.index)
+    slopes = slopes_of(near, operator, signals)
     shape = tuple(1 + max(axis) for axis in zip(*slopes, strict=True))
     linear = np.zeros((*shape, *around.points.shape))
     for key, slope in slopes.items():
@@ -135,15 +135,15 @@ def _averaged(c: Array, t: Array, along: Array, first: Array, still: Array | flo
 
 
 def slopes_of(
-    stencil: Stencil | SecondNeighbours, operator: Operator, signals: Signals
+    near: FirstNeighbours | SecondNeighbours, operator: Operator, signals: Signals
 ) -> dict[tuple[int, ...], Array]:
     """∂E/∂u_b, (N, d), of every signal, component and part."""
-    if isinstance(stencil, SecondNeighbours):
-        return stencil.slopes(signals)
-    needed = [] if operator.uncorrected else operator.needed(stencil.dim, 0)
-    rows = dual_coefficients(operator, {key: stencil.base_sum(key) for key in needed}, stencil.dim)
-    sampled = {key: stencil.sampled(key) for key in dict.fromkeys(k for part in rows for k in part)}
-    difference, ahead = signals.difference(stencil.s), signals.gradient(stencil.s)
+    if isinstance(near, SecondNeighbours):
+        return near.slopes(signals)
+    needed = [] if operator.uncorrected else operator.needed(near.dim, 0)
+    rows = dual_coefficients(operator, {key: near.base_sum(key) for key in needed}, near.dim)
+    sampled = {key: near.sampled(key) for key in dict.fromkeys(k for part in rows for k in part)}
+    difference, ahead = signals.difference(near.s), signals.gradient(near.s)
     symmetric = operator.form == SYMMETRIC
     result: dict[tuple[int, ...], Array] = {}
     for c, part in enumerate(rows):
@@ -154,11 +154,11 @@ def slopes_of(
             own = 0.0 if operator.uses_difference else signals.own[i, f]
             seen = difference[i, f] + own
             climb = dg * seen[:, None] + g[:, None] * ahead[i, f]
-            slope = stencil.total(g * seen, climb, 2 if symmetric else 1).slope
+            slope = near.total(g * seen, climb, 2 if symmetric else 1).slope
             if symmetric:
-                slope = slope + own * stencil.total(g, dg, 0).slope
+                slope = slope + own * near.total(g, dg, 0).slope
             for key, x in part.items():
-                slope = slope + float(stencil.volumes @ (sampled[key][0] * seen)) * x.slope
+                slope = slope + float(near.volumes @ (sampled[key][0] * seen)) * x.slope
             result[i, c, f] = slope
     return result
 

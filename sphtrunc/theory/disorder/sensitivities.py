@@ -1,4 +1,4 @@
-"""Stencils: the neighbours of a target on a lattice, with what their displacements change.
+"""First neighbours: those of a target on a lattice, with what their displacements change.
 
 Numbers carry their derivatives with respect to the displacements, through sums, volumes and the
 algebra of the corrections.
@@ -60,7 +60,7 @@ class Terms:
         return g, slope
 
 
-class Stencil:
+class FirstNeighbours:
     """The neighbours of one target on a lattice, with what their displacements change.
 
     index: (d, N) integer points; s: (N, d) offsets in h; target: the row of the particle that is

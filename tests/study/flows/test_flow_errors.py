@@ -19,7 +19,7 @@ from sphtrunc.study.flows.predicted import Predicted, Setting, predict, truncati
 from sphtrunc.study.flows.steady import Solver, amplification, system
 from sphtrunc.theory.disorder.nested import SecondNeighbours
 from sphtrunc.theory.disorder.sampling import slopes_of
-from sphtrunc.theory.disorder.sensitivities import Stencil
+from sphtrunc.theory.disorder.sensitivities import FirstNeighbours
 from sphtrunc.theory.fields import Taylor
 from sphtrunc.theory.lattice_sums import lattice_moments
 from sphtrunc.theory.walls.moments import wall_lattice_moments
@@ -241,7 +241,7 @@ def test_the_slopes_of_a_row_are_those_of_the_theory(form: tuple) -> None:
     if operator.form == "nested":
         stencil: Any = SecondNeighbours(smooth, operator, asked.home)
     else:
-        stencil = Stencil(smooth, asked.home)
+        stencil = FirstNeighbours(smooth, asked.home)
     theory = slopes_of(stencil, operator, signal)[0, 0, 0]
     step = 1e-4
     compared = 0
