@@ -335,6 +335,7 @@ def _theory(
     """Predicted rms errors and their parts; None where there is no theory for the scene."""
     from dataclasses import asdict
 
+    from sphtrunc.scenes.arrangement import Arrangement
     from sphtrunc.study.structure import by_structure, waves_by_structure
     from sphtrunc.theory.field_error import predict_waves
 
@@ -344,7 +345,7 @@ def _theory(
         else:
             splits = predict_waves(kernel, operator, scene, lengths)
     except ValueError:
-        if getattr(scene, "wall", "none") is None:
+        if isinstance(scene, Arrangement) and scene.wall is None:
             raise
         return None  # ghosts, short waves, forms that the structure factor does not know
     rows = []
